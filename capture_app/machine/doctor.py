@@ -30,7 +30,7 @@ from capture_app.net.local_network import (
     wifi_interfaces,
 )
 from capture_app.net.reachability import find_obstacle
-from capture_app.node.camera.burst_upload import REPORT
+from capture_app.node.camera.spool import REPORT, unknown_in
 from capture_app.protocol.pairing_messages import FoundLeader
 from capture_app.rig.rig_link import ask_status
 from capture_app.session.files.abilities import missing_abilities
@@ -112,19 +112,32 @@ def disk(folder: Path, holds: str, option: str, sample_bytes: int = SAMPLE_BYTES
 
 
 def spooled(spool: Path) -> Iterator[Finding]:
-    """Report the bursts that nodes of this machine keep until a leader takes them."""
+    """Report the bursts that nodes of this machine keep until a leader takes them, and foreign files."""
     with suppress(OSError):
+        spools = sorted((*spool.glob("[!.]*/"), *spool.glob(".[0-9]*/*/")))
+        unknown = [path for folder in spools for path in unknown_in(folder)]
+        if unknown:
+            yield Finding(
+                "spool",
+                "note",
+                f"{count(len(unknown), 'file')} that no node of this version wrote, which nodes leave alone:"
+                f" {_first_of(unknown)}",
+                "if a newer simulshot wrote them, update this one; otherwise move them elsewhere",
+            )
         folders = sorted(report.parent for report in spool.glob(f"*/*/{REPORT}"))
         size = sum(file.stat().st_size for folder in folders for file in folder.iterdir())
         if folders:
-            shown = [*map(str, folders[:MAX_SHOWN]), *(["..."] if len(folders) > MAX_SHOWN else [])]
             yield Finding(
                 "spool",
                 "note",
                 f"{count(len(folders), 'burst')}, {megabytes(size)}, not taken by a leader yet:"
-                f" {', '.join(shown)}",
+                f" {_first_of(folders)}",
                 "run their cameras' nodes and their leader, or delete these folders to drop the images",
             )
+
+
+def _first_of(paths: Sequence[Path]) -> str:
+    return ", ".join([*map(str, paths[:MAX_SHOWN]), *(["..."] if len(paths) > MAX_SHOWN else [])])
 
 
 def cameras(found: Sequence[CameraListing]) -> Iterator[Finding]:

@@ -103,7 +103,8 @@ class BurstStatus(Struct, frozen=True, kw_only=True):
     session: str | None = None
     message: str = ""
     recording: bool = False
-    """Whether it is a recording: `expected` counts the frames until now."""
+    """Whether it is a recording: `expected` counts the frames until now, and all that were ordered when it is
+    done."""
     ended: bool = False
     """Whether a recording's last instant has passed, so that only images are still to come."""
     transfer: tuple[CameraTransfer, ...] = ()

@@ -5,7 +5,7 @@ The command line, the screen and Python all use this, and differ only in their d
 
 import asyncio
 import math
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import AsyncGenerator, Coroutine
 from contextlib import aclosing, suppress
 from pathlib import Path, PurePath
@@ -29,7 +29,7 @@ from capture_app.protocol.messages import BurstRequest
 from capture_app.protocol.orders import CancelBurst, EndBurst
 from capture_app.protocol.status import BurstStatus, RigStatus
 from capture_app.rig.rig_link import RigLink, present_cameras
-from capture_app.session.format.manifest import MANIFEST
+from capture_app.session.format.manifest import MANIFEST, Manifest
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verdict import Verdict, judge
 
@@ -369,6 +369,8 @@ class Taking:
         Raises NetworkError on timeout.
         """
         self._note(number, replace(last, message=f"{error.what}; the take may go on there"))
+        # Another run of the leader has other numbers: an order to end this take would end another.
+        self._active[number] = replace(last, burst=0)
         now, wait_s = asyncio.get_running_loop().time, self.plan.wait_leader_s
         with suppress(TimeoutError):
             async with asyncio.timeout(wait_s) as limit, aclosing(self._link.another().updates()) as updates:
@@ -396,6 +398,24 @@ def _find(rig: RigStatus, lost: BurstStatus) -> BurstStatus | None:
     )
 
 
+def _as_stored(status: BurstStatus, manifest: Manifest) -> BurstStatus:
+    """Return a status that counts the images of its session against what was ordered.
+
+    What a leader reported before it was lost counts neither.
+    """
+    images = Counter(image.camera for image in manifest.images)
+    ordered = manifest.ordered_instants
+    return replace(
+        status,
+        instants=ordered,
+        received=images.total(),
+        expected=manifest.expected_images,
+        transfer=tuple(
+            replace(part, received=images[part.camera], expected=ordered) for part in status.transfer
+        ),
+    )
+
+
 async def _judge(number: int, status: BurstStatus) -> Saved | Failed:
     """Judge a finished take, if its session is on this machine."""
     if status.session is None and status.burst:
@@ -407,10 +427,5 @@ async def _judge(number: int, status: BurstStatus) -> Saved | Failed:
     with suppress(SimulshotError):
         if (session := await asyncio.to_thread(local_session, status)) is not None:
             manifest = session.manifest
-            # The session of a lost take may have received more images since.
-            return Saved(
-                number,
-                replace(status, received=len(manifest.images)),
-                judge(manifest, arriving=session.is_arriving),
-            )
+            return Saved(number, _as_stored(status, manifest), judge(manifest, arriving=session.is_arriving))
     return Saved(number, status)

@@ -5,8 +5,8 @@ from contextlib import suppress
 from pathlib import Path
 
 from capture_app.common.errors import SimulshotError
-from capture_app.node.camera.burst_upload import SpoolFolder
 from capture_app.node.camera.device_profiles import DeviceProfiles, mode_key
+from capture_app.node.camera.spool import SpoolFolder
 from capture_app.session.format.burst_plan import PLAN, read_plan
 from capture_app.session.format.journal import TIMES, ground_truth_path
 from capture_app.session.format.manifest import CALIBRATION, JOURNAL, MANIFEST

@@ -20,6 +20,8 @@ class Told:
     status: BurstStatus
     received: int
     """Images that its leader had counted when the take was over; 0 if the operator had lost the leader."""
+    expected: int
+    """Images that its leader expected then; 0 if the operator had lost the leader."""
     verdict: Verdict | None
     images: int
     missing: int
@@ -118,5 +120,7 @@ class Evidence:
     leader's run, burst, camera, ordered instant."""
     synced: dict[tuple[int, int, str, int], tuple[str, int]] = field(default_factory=dict)
     """Images that a node counts as safe in its own spool, as `confirmed`."""
+    aligned: list[tuple[str, str, int]] = field(default_factory=list)
+    """Cameras that have become ready at a leader, with its machine and the true time."""
     marks: list[MarkOfDesk] = field(default_factory=list)
     log_lines: Counter[str] = field(default_factory=Counter)

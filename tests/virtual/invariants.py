@@ -3,6 +3,7 @@
 import asyncio
 import contextlib
 import hashlib
+import io
 import math
 import re
 from bisect import bisect_left
@@ -13,16 +14,18 @@ from pathlib import Path
 
 import numpy as np
 
+from capture_app.commands.take import require_whole
 from capture_app.common.address import Address
-from capture_app.common.errors import SimulshotError
+from capture_app.common.errors import IncompleteError, SimulshotError
 from capture_app.machine.repair import repair
 from capture_app.plugins.cameras.sound.image_sound import SoundPart, sounds_of
 from capture_app.protocol.log import Log
+from capture_app.rig.taking import Saved as SavedTake
 from capture_app.session.format.burst_plan import PLAN, BurstPlan, read_plan
 from capture_app.session.format.manifest import EVENTS, ImageRecord, Manifest
 from capture_app.session.format.marks import RIG_MARKS, marks_of
 from capture_app.session.reading.reader import Session
-from capture_app.session.reading.verdict import judge
+from capture_app.session.reading.verdict import MAX_MISSING, judge
 from capture_app.session.reading.verify import verify
 from tests.virtual.cameras import SOUND_HZ, sound_number, true_ns_of
 from tests.virtual.evidence import OrderedBurst, TimeError, Told
@@ -49,6 +52,14 @@ CHANCE = 1e-4
 """Probability with which a run's uncertainties that are right count as too narrow."""
 SOUND_ERROR_NS = 30_000_000
 """Maximum error of the time of sound: a microphone's block arrives up to some ms late."""
+ENDS = ("kill", "power", "stop")
+"""Faults that end a camera's process, which then takes part again once it is ready."""
+LOST_S = {"kill": 0.5, "stop": 0.5, "power": 3.0, "freeze": 4.0}
+"""Frames so long before a fault of their camera may be lost: those that its spool did not have yet."""
+ASKED_S = 1.5
+"""Time within which a camera that has become ready is asked for the rest of a recording."""
+MAX_MISSING_PCT = 1.0
+"""Missing frames of a recording, in percent, from which `record` has another exit code."""
 MAX_OVERRUN_S = 3.0
 """Time within which a recording is over once its operator has ended it."""
 
@@ -68,6 +79,8 @@ def broken(rig: VirtualRig) -> Iterator[str]:
         _opened,
         _confirmed,
         _honest,
+        _ordered,
+        _told_of_order,
         _long_enough,
         _timed,
         _said,
@@ -75,6 +88,7 @@ def broken(rig: VirtualRig) -> Iterator[str]:
         _cancelled,
         _marked,
         _heard,
+        _left_alone,
     ):
         yield from look(rig, sessions)
     for folder, files in Counter(str(Path(file).parent) for file in rig.spooled(rig.absent_leaders)).items():
@@ -256,6 +270,133 @@ def _whole(rig: VirtualRig, of: OrderedBurst, manifest: Manifest, honest: list[s
             yield f"{of.name} skips an instant of which every camera delivered its frame"
 
 
+def _ordered(rig: VirtualRig, sessions: Sessions) -> Iterator[str]:
+    """Each ordered frame of a recording or a long burst is saved whose camera was ready and delivered it.
+
+    What befalls a camera or its leader excuses instants, never a camera: see `_excused`.
+    """
+    for of, _, manifest in _judged(rig, sessions):
+        if not of.burst.streamed or of.cancel_asked_ns is not None or of.machine in rig.absent_leaders:
+            continue
+        there = {(image.camera, image.instant) for image in manifest.images}
+        delays_ns = {camera.name: camera.delay_ns for camera in manifest.cameras}
+        until_ns = _judged_until(rig, of)
+        for name in sorted({*of.burst.clients} - {*rig.plan.liars}):
+            excused, lacking, due = _excused(rig, of, name), [], 0
+            for number, leader_ns in enumerate(of.burst.instants_ns):
+                at_ns = int(of.clock.true_from_local(leader_ns))
+                if at_ns >= until_ns:
+                    break
+                if any(from_ns <= at_ns <= end_ns for from_ns, end_ns in excused):
+                    continue
+                if _delivered(rig, of, name, leader_ns + delays_ns.get(name, 0)):
+                    due += 1
+                    lacking += [] if (name, number) in there else [number]
+            if lacking:
+                yield (
+                    f"{of.name} lacks {len(lacking)} of {due} frames that {name} delivered when it was ready,"
+                    f" from instant {lacking[0]} to {lacking[-1]}"
+                )
+
+
+def _judged_until(rig: VirtualRig, of: OrderedBurst) -> float:
+    """Return the true time, ns, until which a take's frames are due.
+
+    An operator may end it. A disk that is full or fails breaks it off; without an ordered end so does
+    whatever befalls its leader.
+    """
+    breaks = [
+        span.from_ns
+        for span in rig.evidence.spans
+        if span.target in ("lead", "lead2")
+        and span.until_ns >= of.ordered_ns
+        and (span.kind in ("disk-full", "disk-failing") or not (_has_end(of) or span.kind in HARMLESS))
+    ]
+    return min([math.inf if of.end_asked_ns is None else of.end_asked_ns, *breaks])
+
+
+def _excused(rig: VirtualRig, of: OrderedBurst, camera: str) -> list[tuple[float, float]]:
+    """Return the spans of true time, ns, of which a camera owes a take nothing.
+
+    It owes nothing from shortly before its process ends, as its spool may lack the last frames, until its
+    leader has seen it ready again; from a fault of its disk before that end, as its frames stay in memory;
+    and nothing while it may not have heard the order.
+    """
+    spans = [span for span in rig.evidence.spans if span.until_ns >= of.ordered_ns - AFTER_S * 1e9]
+    own = [span for span in spans if span.target == camera]
+    stopped_ns = min(
+        (of.from_ns for of in spans if (of.target, of.kind) == ("lead", "stop")), default=math.inf
+    )
+
+    def asked_again(after_ns: float) -> float:
+        aligned = (at for name, leader, at in rig.evidence.aligned if (name, leader) == (camera, of.machine))
+        ready_ns = next((at for at in aligned if at > after_ns), math.inf)
+        # A leader that is stopped ends what it takes: nobody is asked for the rest.
+        if ready_ns > stopped_ns:
+            return math.inf
+        slow = (span.until_ns for span in spans if span.kind not in ENDS and span.from_ns <= ready_ns)
+        return max([ready_ns, *(end_ns for end_ns in slow if end_ns > ready_ns)]) + ASKED_S * 1e9
+
+    excused = [(-math.inf, asked_again(of.ordered_ns))] if camera not in of.ready else []
+    around = {camera, of.machine, *(["relay"] if camera in rig.plan.behind_relay else [])}
+    for span in spans:
+        is_around = span.from_ns <= of.ordered_ns + BEFORE_S * 1e9
+        if is_around and span.target in around and span.kind not in HARMLESS:
+            excused.append((-math.inf, span.until_ns + AFTER_S * 1e9))
+            if span.target == camera and span.kind in (*ENDS, "camera-lost", "freeze", "cut"):
+                excused.append((-math.inf, asked_again(span.from_ns)))
+    for span in own:
+        from_ns = span.from_ns - LOST_S.get(span.kind, 0) * 1e9
+        if span.kind in ENDS:
+            on_disk = (of.from_ns for of in own if of.kind.startswith("disk-") and of.from_ns <= span.from_ns)
+            excused.append((min([from_ns, *on_disk]), asked_again(span.until_ns)))
+        elif span.kind == "freeze":
+            excused.append((from_ns, span.until_ns + AFTER_S * 1e9))
+    return excused
+
+
+def _told_of_order(rig: VirtualRig, sessions: Sessions) -> Iterator[str]:
+    """An operator is told how much of the order is there: by numbers, exit code and grade."""
+    folders = {str(saved.folder): saved for saved in sessions.values()}
+    streamed = {of.name: of for of in rig.evidence.bursts if of.burst.streamed}
+    for told in (told for take in rig.evidence.takes for told in take.told):
+        status, of, saved = (
+            told.status,
+            streamed.get(told.status.name),
+            folders.get(told.status.session or ""),
+        )
+        if of is None or saved is None or saved.plan is None or told.missing < 0:
+            continue
+        streamed_as = saved.plan.streamed
+        if of.cancel_asked_ns is not None or streamed_as is None:
+            continue
+        # Without an end, ordered or confirmed, there is nothing to count against.
+        if streamed_as.count * streamed_as.step_ns > LONGEST_NS:
+            continue
+        ordered = streamed_as.count * len({*of.burst.clients, *told.absent})
+        lacks = ordered - told.images
+        is_whole = False
+        with contextlib.suppress(IncompleteError), contextlib.redirect_stderr(io.StringIO()):
+            require_whole(SavedTake(1, status, told.verdict), MAX_MISSING_PCT)
+            is_whole = True
+        wrong = [
+            f"{status.expected} were expected" if status.expected != ordered else "",
+            f"its leader expected {told.expected}" if told.expected not in (0, ordered) else "",
+            "its exit code says that it is whole"
+            if is_whole and lacks > MAX_MISSING_PCT / 100 * ordered
+            else "",
+            "its exit code says that it is not whole" if not is_whole and not lacks else "",
+        ]
+        if told.verdict is not None:
+            is_poor = told.verdict.grade in ("poor", "unknown")
+            wrong += [
+                f"the verdict expects {told.verdict.expected}" if told.verdict.expected != ordered else "",
+                f"it is {told.verdict.grade}" if lacks > MAX_MISSING * ordered and not is_poor else "",
+            ]
+        if words := ", ".join(filter(None, wrong)):
+            yield f"{of.name}: {ordered} images were ordered and {told.images} are there; said was: {words}"
+
+
 def _delivered(rig: VirtualRig, of: OrderedBurst, camera: str, leader_ns: int) -> bool:
     """Return whether a camera delivered a frame at that time, well within half a period of it."""
     due_ns, within_ns = int(of.clock.true_from_local(leader_ns)), of.burst.period_ns // 3
@@ -346,7 +487,8 @@ def _stayed(rig: VirtualRig, of: OrderedBurst, until_ns: int) -> set[str]:
     ended = {
         span.target
         for span in rig.evidence.spans
-        if span.kind.startswith(("kill", "power", "stop")) and of.ordered_ns <= span.from_ns <= until_ns
+        if span.kind.startswith(ENDS)
+        and of.ordered_ns <= span.from_ns <= until_ns + LOST_S.get(span.kind, 0) * 1e9
     }
     return {*of.burst.clients} - ended - {*rig.plan.liars}
 
@@ -460,6 +602,8 @@ def _true_words(told: Told) -> Iterator[str]:
             f"{status.name}: {told.missing} images were missing when it was saved, and its operator was told:"
             f" {status.message or 'nothing'!r}"
         )
+    if said and status.received + int(said[1]) > status.expected:
+        yield f"{status.name}: said was {said[0]}, and {status.received} of {status.expected} were there"
     for name in told.absent:
         if name not in status.message:
             yield f"{status.name}: it was taken without {name}, and its operator was not told"
@@ -527,6 +671,13 @@ def _marked(rig: VirtualRig, sessions: Sessions) -> Iterator[str]:
             # A take without any image leaves no session.
             if file.parent.exists() and mark.placed.mark not in marks_of(lines):
                 yield f"{mark.text} is not in {file.parent.name}/{file.name}, as its operator was told"
+
+
+def _left_alone(rig: VirtualRig, _: Sessions) -> Iterator[str]:
+    """No file of a spool is gone or changed that no node wrote, nor any behind a link there."""
+    for file, data in rig.foreign.items():
+        if not file.exists() or file.read_bytes() != data:
+            yield f"a file that no node wrote is gone or changed: {file.relative_to(rig.world.disks.root)}"
 
 
 def _heard(rig: VirtualRig, sessions: Sessions) -> Iterator[str]:

@@ -12,13 +12,18 @@ from capture_app.common.node_state import NodeState
 from capture_app.net.channel import Channel
 from capture_app.node import joining
 from capture_app.node.burst.burst_session import BurstSession
-from capture_app.node.camera.burst_upload import SpoolFolder, Upload
+from capture_app.node.camera.burst_upload import Upload
+from capture_app.node.camera.spool import SpoolFolder
 from capture_app.node.leader.bursts import ActiveBursts
 from capture_app.protocol.messages import CameraReport, ImageBatch, ImageUpload
 from capture_app.rig import rig_time
 from capture_app.sync.phase import frame_line
+from capture_app.sync.rig.leader_engine import Leader
+from capture_app.sync.rig.roster import Member
 from capture_app.sync.timekeeping import poll_schedule
+from capture_app.sync.wire.datagrams import Heartbeat
 from tests.virtual.evidence import OrderedBurst
+from tests.virtual.plan import TWICE
 from tests.virtual.world import process
 
 if TYPE_CHECKING:
@@ -58,6 +63,7 @@ def _observers(rig: "VirtualRig") -> Iterator[contextlib.AbstractContextManager[
     evidence, world = rig.evidence, rig.world
     order, confirm = ActiveBursts.order, Upload.confirm
     add, sync = SpoolFolder.add, SpoolFolder.sync
+    heard = Leader._receive_heartbeat
     unsynced: WeakKeyDictionary[SpoolFolder, list[ImageUpload]] = WeakKeyDictionary()
 
     async def ordering(bursts: ActiveBursts, *arguments: Any, **options: Any) -> BurstSession:
@@ -105,6 +111,13 @@ def _observers(rig: "VirtualRig") -> Iterator[contextlib.AbstractContextManager[
             key = image.leader, image.burst, image.record.camera, image.record.instant
             evidence.synced.setdefault(key, (image.record.sha256, world.now_ns))
 
+    def hearing(leader: Leader, member: Member, message: Heartbeat, now_ns: int) -> None:
+        was_aligned, one = member.report.state.is_aligned, process.get()
+        heard(leader, member, message, now_ns)
+        if one is not None and message.report.state.is_aligned and not was_aligned:
+            evidence.aligned.append((member.name, one.machine, world.now_ns))
+
+    yield patch.object(Leader, "_receive_heartbeat", hearing)
     yield patch.object(ActiveBursts, "order", ordering)
     yield patch.object(Upload, "confirm", confirming)
     yield patch.object(SpoolFolder, "add", adding)
@@ -123,6 +136,9 @@ def _lies(rig: "VirtualRig") -> contextlib.AbstractContextManager[Any]:
             # It says again and again what it has, and sends nothing of it.
             await asyncio.sleep(5)
             await send(channel, reported[channel])
+        if lie == TWICE and isinstance(message, ImageBatch):
+            message = ImageBatch(images=(*message.images, message.images[-1]))
+            payloads = (*payloads, payloads[-1])
         is_short = isinstance(message, CameraReport) and message.plan.picked is None
         if lie in ("nothing", "partial") and is_short and not message.plan.picking:
             left = message.plan.instants[:1] if lie == "partial" else ()

@@ -70,6 +70,8 @@ class Plan:
         return replace(self, steps=kept, seconds=self.seconds if seconds is None else seconds)
 
 
+TWICE = "twice"
+"""A lie: each batch has its last image twice."""
 LIES = ("nothing", "partial", "silent", "huge", "cut-image", "wrong-size")
 _FAULTS: dict[str, tuple[float, tuple[float, float], tuple[float, float]]] = {
     # kind: weight, range of the value, range of the seconds
@@ -100,6 +102,8 @@ def draw(seed: int) -> Plan:
     behind = tuple(name for name in cameras if rng.random() < 0.6) if rng.random() < 0.2 else ()
     has_standby = rng.random() < 0.2
     liars = {cameras[-1]: rng.choice(LIES)} if rng.random() < 0.25 else {}
+    if not liars and random.Random(f"twice {seed}").random() < 0.08:
+        liars = {cameras[-1]: TWICE}
     seconds = rng.uniform(50, 90)
     machines = ["lead", *cameras, *(["relay"] if behind else []), *(["lead2"] if has_standby else [])]
     steps = [_fault(rng, rng.uniform(SETTLE_S, seconds), machines, cameras) for _ in range(rng.randint(2, 7))]
@@ -120,6 +124,9 @@ def draw(seed: int) -> Plan:
     beheaded = random.Random(f"beheaded {seed}")
     if not has_standby and beheaded.random() < 0.15:
         steps += _beheaded(beheaded, beheaded.uniform(SETTLE_S, seconds - 10), cameras)
+    away = random.Random(f"away {seed}")
+    if not has_standby and away.random() < 0.2:
+        steps += _all_away(away, away.uniform(SETTLE_S, seconds - 10), cameras)
     lopsided = {further.choice(honest): _lopsided_ms(further)} if further.random() < 0.15 else {}
     return Plan(
         seed,
@@ -198,6 +205,24 @@ def _beheaded(rng: random.Random, at_s: float, cameras: tuple[str, ...]) -> list
         Step(at_s, "recording", "desk", rng.uniform(20, 40)),
         *(Step(cut_s, "cut", camera, 0.0, lasts_s) for camera in cameras),
         Step(cut_s + after_s, kind, "lead", 0.0, rng.uniform(0.5, 15)),
+    ]
+
+
+def _all_away(rng: random.Random, at_s: float, cameras: tuple[str, ...]) -> list[Step]:
+    """Return a recording whose cameras are all started again at once, as those of one machine or one hub.
+
+    Their leader may be on that machine, too. Most have an ordered length; others are ended by the operator.
+    """
+    ends_s = rng.uniform(25, 45)
+    ordered_s, ended_s = (ends_s, 0.0) if rng.random() < 0.75 else (0.0, ends_s)
+    away_s, lasts_s = at_s + rng.uniform(2, 10), rng.uniform(0.5, 8)
+    kind, has_leader = rng.choice(("kill", "kill", "power", "stop")), bool(ordered_s) and rng.random() < 0.3
+    # One may still have frames of before when it is asked for the rest.
+    slow = [Step(max(0.0, away_s - 3), "slow-link", rng.choice(cameras), rng.uniform(2e3, 1e4), lasts_s + 25)]
+    return [
+        Step(at_s, "recording", "desk", ordered_s, ended_s),
+        *(slow if rng.random() < 0.3 else []),
+        *(Step(away_s, kind, name, 0.0, lasts_s) for name in (*cameras, *(["lead"] if has_leader else []))),
     ]
 
 

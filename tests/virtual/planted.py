@@ -9,6 +9,7 @@ import contextlib
 import importlib
 import inspect
 import itertools
+from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
@@ -17,7 +18,7 @@ from types import CodeType, FunctionType
 from typing import Any
 
 import capture_app
-from tests.virtual.plan import Plan, draw
+from tests.virtual.plan import TWICE, Plan, draw
 
 CHECKOUT = Path(capture_app.__file__).parents[1]
 TRIED = 100
@@ -123,6 +124,12 @@ def _loses_power_while_it_saves(plan: Plan) -> bool:
     return _befalls(("power",), "lead")(plan) and _befalls(("disk-slow",), "lead")(plan)
 
 
+def _restarts_all(plan: Plan) -> bool:
+    """Return whether all cameras are started again at once, as during a recording."""
+    ends = Counter(step.at_s for step in plan.steps if step.kind in ("kill", "power", "stop"))
+    return any(number >= len(plan.cameras) for number in ends.values())
+
+
 _ENDS = ("kill", "power", "kill-at-disk-step")
 FAULTS: dict[str, Fault] = {
     "bar": Fault(
@@ -220,7 +227,7 @@ FAULTS: dict[str, Fault] = {
     ),
     "spool-sync": Fault(
         "the node's spool is never synced",
-        "capture_app/node/camera/burst_upload.py",
+        "capture_app/node/camera/spool.py",
         "sync_all(files).values()",
         "sync_all(()).values()",
         _befalls(("power",), "cam"),
@@ -310,6 +317,61 @@ FAULTS: dict[str, Fault] = {
         "time_map.local_from_leader(instant_ns + self.delay_ns) - self.offset_ns",
         "time_map.local_from_leader(instant_ns) - self.offset_ns",
         lambda plan: bool(plan.stagger),
+    ),
+    "left-off": Fault(
+        "a recording is over once all its cameras were started again",
+        "capture_app/node/burst/camera_delivery.py",
+        "        return is_over and (self.plan.picked or 0) < frames",
+        "        return False",
+        _restarts_all,
+    ),
+    "not-asked-again": Fault(
+        "a camera that is ready again is not asked for the rest of a recording",
+        "capture_app/sync/rig/burst_orders.py",
+        "            if member.name in clients:\n                order =",
+        "            if not clients:\n                order =",
+        _restarts_all,
+    ),
+    "rest-not-asked": Fault(
+        "a leader that is started again asks nobody for the rest of a recording",
+        "capture_app/node/leader/bursts.py",
+        "            self._engine.resume(session.burst, run, now_ns)\n",
+        "            pass\n",
+        _restarts_all,
+    ),
+    "second-upload": Fault(
+        "a restarted camera's recording becomes a second upload in one spool folder",
+        "capture_app/node/camera/uploader.py",
+        "            burst.continue_from(left)\n",
+        "            continue\n",
+        _restarts_all,
+    ),
+    "here-is-missing": Fault(
+        "what a restarted camera lacks and the leader has counts as missing",
+        "capture_app/node/burst/camera_delivery.py",
+        "            if number not in self.instants\n",
+        "            if number not in self.instants or number in reasons\n",
+        _restarts_all,
+    ),
+    "told-of-arrived": Fault(
+        "a recording that was cut off counts as whole",
+        "capture_app/node/burst/burst_session.py",
+        "        instants = self.burst.frames if is_ordered else self._recorded_instants\n",
+        "        instants = self._recorded_instants\n",
+        _restarts_all,
+    ),
+    "instant-twice": Fault(
+        "an instant that a batch has twice is saved twice",
+        "capture_app/session/writing/video_store.py",
+        "                waiting |= {instant} - {NO_INSTANT}\n",
+        "",
+        lambda plan: TWICE in plan.liars.values() and _has("recording")(plan),
+    ),
+    "foreign-file": Fault(
+        "a node follows a link in its spool, and deletes what is behind it",
+        "capture_app/node/camera/spool.py",
+        " and folder.is_dir() and not folder.is_symlink()",
+        " and folder.is_dir() and all(file.unlink() is None for file in folder.iterdir())",
     ),
     "late": Fault(
         "a frame that is too early for its instant does not count as off it",

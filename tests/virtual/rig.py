@@ -6,6 +6,7 @@ import contextvars
 import functools
 from collections import Counter, defaultdict
 from collections.abc import Callable, Collection, Coroutine, Iterable, Iterator
+from pathlib import Path
 from typing import Any
 
 from capture_app.common.address import Address
@@ -94,12 +95,16 @@ class VirtualRig:
         self._down: Counter[str] = Counter()
         self.absent_leaders: set[str] = set()
         """Machines that do not lead in the end: images of their bursts wait for them."""
+        self.foreign: dict[Path, bytes] = {}
+        """Files in cameras' spools that no node wrote, and what a link there shows."""
         self.times: list[TimeError] = []
         """Error of the time of each image that was saved."""
         self.works: dict[str, Callable[[], Coroutine[Any, Any, None]]] = {}
         for machine in ("lead", "lead2", "relay", "desk", *plan.cameras):
             world.network.host(machine)
             (world.disks.of(machine).folder / "sessions").mkdir()
+            if machine in plan.cameras:
+                self._lay_foreign_files(machine)
             world.disks.settle(machine)
             self.clocks[machine] = MachineClock(world, machine)
         self.works["lead"] = lambda: self._lead("lead")
@@ -112,6 +117,18 @@ class VirtualRig:
         self._awake_until_ns: Counter[str] = Counter()
         world.network.shape = self._shape_link
         world.on_end = self._restart_later
+
+    def _lay_foreign_files(self, camera: str) -> None:
+        """Put what no node wrote into a camera's spool: a file, a folder of another program, and a link."""
+        root = self.world.disks.of(camera).folder
+        burst, spool, outside = "0000beef-000001", root / "spool" / camera, root / "pictures"
+        for file in (spool / "notes.txt", spool / "keep" / "report.json", outside / burst / "report.json"):
+            file.parent.mkdir(parents=True, exist_ok=True)
+            file.write_bytes(b"{}")
+            self.foreign[file] = b"{}"
+        (outside / burst / "000000.jpg").write_bytes(b"a picture")
+        self.foreign[outside / burst / "000000.jpg"] = b"a picture"
+        (spool / burst).symlink_to(outside / burst)
 
     # Processes
 
@@ -503,19 +520,20 @@ class VirtualRig:
         self.evidence.takes.append(take)
         taking = Taking(RigLink(self._address()), plan)
         results = []
-        received = Counter[int]()
+        over: dict[int, BurstStatus] = {}
         try:
             async for event in taking:
                 if isinstance(event, Progress):
                     take.status = event.status
-                    received[event.number] = event.status.received if event.status.done else 0
+                    if event.status.done and "after its leader was lost" not in event.status.message:
+                        over[event.number] = event.status
                 if isinstance(event, Begun) and step.kind == "recording" and step.seconds:
                     self.world.loop.call_later(step.seconds, lambda: self._soon(self._end(taking)))
                 if isinstance(event, Begun) and step.kind == "cancel":
                     self._soon(self._cancel(taking))
                 if isinstance(event, Saved):
                     take.status = event.status
-                    take.told.append(_told(event, received[event.number]))
+                    take.told.append(_told(event, over.get(event.number)))
                     results.append("saved")
                 if isinstance(event, Failed):
                     results.append(f"{type(event.error).__name__}: {event.error}")
@@ -603,15 +621,16 @@ class VirtualRig:
         return (now_ns - max(ends, default=10**12)) / 1e9
 
 
-def _told(event: Saved, received: int) -> Told:
-    """Return what an operator is told, and what is on the disk now."""
+def _told(event: Saved, over: BurstStatus | None) -> Told:
+    """Return what an operator is told, `over` by the leader, and what is on the disk now."""
     images, missing, absent = 0, -1, tuple[str, ...]()
     with contextlib.suppress(SimulshotError):
         if (session := local_session(event.status)) is not None:
             manifest = session.manifest
             images, missing = len(manifest.images), len(manifest.missing)
             absent = tuple(camera.name for camera in manifest.burst.absent)
-    return Told(event.status, received, event.verdict, images, missing, absent)
+    counts = (0, 0) if over is None else (over.received, over.expected)
+    return Told(event.status, *counts, event.verdict, images, missing, absent)
 
 
 def _short(status: BurstStatus | None) -> str:

@@ -62,6 +62,9 @@ SAID_AFTER_S = 1.0
 """A wait for the disk or for cameras that takes longer is reported."""
 
 
+SAME_CLOCK_NS = 5_000_000_000
+"""Maximum change of the wall clock against the leader's clock, while that is the same: much less than a
+computer takes to start again."""
 MARK_MARGIN_NS = 1_000_000_000
 """Marks so long before the first instant or after the last belong to the take."""
 Lost = dict[tuple[str, int], MissingImage]
@@ -141,7 +144,13 @@ class BurstSession:
 
     @classmethod
     def resume(
-        cls, folder: Path, heard_ns: int, disk: ThreadPoolExecutor, *, is_of_this_run: bool = False
+        cls,
+        folder: Path,
+        heard_ns: int,
+        disk: ThreadPoolExecutor,
+        *,
+        is_of_this_run: bool = False,
+        is_closing: bool = False,
     ) -> "BurstSession":
         """Resume a burst that was interrupted or lacks images; its cameras count as heard at `heard_ns`.
 
@@ -162,15 +171,21 @@ class BurstSession:
             lost=lost_images(writer, deliveries),
             absent={camera.name: camera.reason for camera in writer.plan.burst.absent},
         )
-        session._is_of_this_run = is_of_this_run
+        session._is_of_this_run, session.is_closing = is_of_this_run, is_closing
         session.session = folder if (folder / MANIFEST).exists() else None
         return session
 
-    async def write_plan(self, leader: int, note: str = "", pins: Mapping[str, str] | None = None) -> None:
+    async def write_plan(
+        self,
+        leader: int,
+        note: str = "",
+        pins: Mapping[str, str] | None = None,
+        unix_minus_leader_ns: int | None = None,
+    ) -> None:
         """Write the burst's plan to disk; `leader` is the id by which nodes know this run of the leader.
 
-        `note` is for the manifest, `pins` are the cameras' machines. Raises DiskFullError where there is no
-        room for it.
+        `note` is for the manifest, `pins` are the cameras' machines. The last tells a later run of the leader
+        whether its clock is still the same. Raises DiskFullError where there is no room for it.
         """
         self._plan = BurstPlan(
             name=self._writer.name,
@@ -183,6 +198,7 @@ class BurstSession:
             pins={name: pin for name, pin in (pins or {}).items() if pin},
             spare=self.burst.spare,
             note=note,
+            unix_minus_leader_ns=unix_minus_leader_ns,
         )
         await self._save_plan(self._choice.requested)
 
@@ -195,7 +211,8 @@ class BurstSession:
         A finished session that was opened again, as its images still arrive, is not done.
         """
         done = self.finished.is_set()
-        instants = self._recorded_instants
+        is_ordered = done and not is_open_ended(self.burst.frames, self.burst.step_ns)
+        instants = self.burst.frames if is_ordered else self._recorded_instants
         parts = {
             name: (len(delivery.instants), delivery.given_up) for name, delivery in self._deliveries.items()
         }
@@ -238,6 +255,19 @@ class BurstSession:
     def folder(self) -> Path:
         """Folder of the session."""
         return self._writer.folder
+
+    def to_continue(self, now_ns: int, unix_ns: int) -> int | None:
+        """Return the leader's run that ordered this, if the present run can order the rest of it; else None.
+
+        It can until the ordered end, while its clock is that of the earlier run.
+        """
+        plan, burst = self._plan, self.burst
+        if plan is None or plan.unix_minus_leader_ns is None or self._is_of_this_run or not burst.streamed:
+            return None
+        if self.is_closing or self.session is not None or is_open_ended(burst.frames, burst.step_ns):
+            return None
+        is_same_clock = abs(unix_ns - now_ns - plan.unix_minus_leader_ns) <= SAME_CLOCK_NS
+        return plan.leader if is_same_clock and now_ns < burst.instants_ns[-1] else None
 
     def mean_image_bytes(self) -> dict[str, int]:
         """Return the mean size in bytes of each camera's images and their ground truth, where any arrived."""
@@ -563,20 +593,24 @@ class BurstSession:
 
     @property
     def _awaited(self) -> list[CameraDelivery]:
-        """Silent cameras of a streamed burst for which it stays open, as they take frames until its end.
+        """Silent or restarted cameras of a streamed burst, for which it stays open until its end.
 
-        While no other camera takes any, what these share has failed, such as an access point. They bring
-        their frames when it is back.
+        While no other camera takes any frames, what these share has failed, such as an access point or their
+        machine. They deliver their frames when it is back, and are asked for the rest when they are ready.
         """
         deliveries = self._deliveries.values()
-        silent = [delivery for delivery in deliveries if delivery.silent]
         # One that was finished before is only opened for what its cameras bring.
-        if not self.burst.streamed or self.session is not None or self.is_closing or not silent:
+        if not self.burst.streamed or self.session is not None or self.is_closing:
             return []
-        waits_ns = AFTER_LAST_INSTANT_NS + CAMERA_DISCONNECTED_NS if len(silent) == len(deliveries) else 0
-        until_ns = max(delivery.heard_ns for delivery in silent) + ALL_DISCONNECTED_NS
-        is_open = all(delivery.is_complete(self._choice) for delivery in deliveries)
-        return silent if is_open and self._now_ns < min(self._ends_ns + waits_ns, until_ns) else []
+        awaited = [of for of in deliveries if of.silent or of.has_left_off(self.burst.frames)]
+        if not awaited or not all(of.is_complete(self._choice) for of in deliveries):
+            return []
+        until_ns = self._ends_ns
+        if all(of in awaited or of.given_up for of in deliveries):
+            is_silent = any(of.silent for of in awaited)
+            until_ns += AFTER_LAST_INSTANT_NS + (CAMERA_DISCONNECTED_NS if is_silent else 0)
+        until_ns = min(until_ns, max(of.heard_ns for of in awaited) + ALL_DISCONNECTED_NS)
+        return awaited if self._now_ns < until_ns else []
 
     def _finish(self) -> Path | None:
         """Write the manifest with the images received so far, and return the session's folder.
@@ -596,7 +630,7 @@ class BurstSession:
             gap for delivery in deliveries for gap in delivery.missing_images(choice, self._lost or {})
         ]
         burst = choice.record(self._reported_plans, self._absent)
-        if is_cut and not is_open_ended(ordered, self._step_ns):
+        if is_cut and not is_open_ended(ordered, self.burst.step_ns):
             burst = replace(burst, ordered=ordered)
         self.message = result_text(burst, missing)
         if self.is_empty() and self._lost is None and not any(delivery.silent for delivery in deliveries):
@@ -639,13 +673,8 @@ class BurstSession:
         A camera that learns late of the burst's end has seen more instants than the burst has now. In a
         resumed burst the number is not limited, because the leader's clock of the earlier run may differ.
         """
-        passed = (now_ns + AFTER_LAST_INSTANT_NS - self.burst.instants_ns[0]) // self._step_ns + 1
+        passed = (now_ns + AFTER_LAST_INSTANT_NS - self.burst.instants_ns[0]) // self.burst.step_ns + 1
         return max(0, passed) if self._lost is None else MAX_STREAMED_FRAMES
-
-    @property
-    def _step_ns(self) -> int:
-        first_ns, *further_ns = self.burst.instants_ns[:2]
-        return further_ns[0] - first_ns if further_ns else self.burst.period_ns
 
     @property
     def _ends_ns(self) -> int:
@@ -656,7 +685,7 @@ class BurstSession:
         first_ns, last_ns = self.burst.instants_ns[0], self.burst.instants_ns[-1]
         if self._lost is None:
             return last_ns
-        if is_open_ended(len(self.burst.instants_ns), self._step_ns):
+        if is_open_ended(len(self.burst.instants_ns), self.burst.step_ns):
             return self._began_ns
         return min(last_ns, self._began_ns + last_ns - first_ns)
 
@@ -677,7 +706,9 @@ class BurstSession:
         if awaited := self._awaited:
             names = ", ".join(sorted(delivery.name for delivery in awaited))
             whom = "all cameras" if len(awaited) == len(self._deliveries) else names
-            silent_s = (self._now_ns - max(delivery.heard_ns for delivery in awaited)) // 10**9
+            silent_s = max(0, self._now_ns - max(delivery.heard_ns for delivery in awaited)) // 10**9
+            if not any(delivery.silent for delivery in awaited):
+                return f"waiting until {whom} {'are' if len(awaited) > 1 else 'is'} ready again"
             return f"waiting for {whom}, {silent_s} s; they keep their pictures"
         late = [
             delivery

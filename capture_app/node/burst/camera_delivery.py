@@ -53,6 +53,14 @@ class CameraDelivery:
         """The camera's plan once it has reported it, else None."""
         return self.plan if self.plan.reported else None
 
+    def has_left_off(self, frames: int) -> bool:
+        """Return whether its node was restarted before the last of `frames` streamed instants.
+
+        It has reported what the earlier run of the node left, and takes no frames at present.
+        """
+        is_over = self.plan.reported and not self.plan.picking and not self.given_up
+        return is_over and (self.plan.picked or 0) < frames
+
     def is_complete(self, choice: InstantChoice) -> bool:
         """Return whether nothing of this camera is awaited."""
         plan = self.plan

@@ -152,7 +152,7 @@ class Intake:
             instant = image.record.instant
             if (saved := self._writer.image(batch.camera, instant)) is not None:
                 here[instant] = saved.sha256
-            if here.get(instant, image.sha256) != image.sha256:
+            if here.setdefault(instant, image.sha256) != image.sha256:
                 raise TryAgainError(f"{batch.camera} sent another image of instant {instant} before")
 
     async def _sync_all(self) -> None:

@@ -11,7 +11,7 @@ from capture_app.common.text import count, megabytes
 from capture_app.net.channel import MAX_PAYLOAD_BYTES
 from capture_app.protocol.messages import ImageUpload
 from capture_app.session.format.burst_plan import BurstPlan, CameraPlan, InstantRange
-from capture_app.session.format.calibration import check_lens
+from capture_app.session.format.calibration_judge import check_lens
 from capture_app.session.format.manifest import (
     AbsentCamera,
     BurstRecord,
@@ -245,7 +245,7 @@ def burst_of(plan: BurstPlan) -> Burst:
 
 
 def result_text(burst: BurstRecord, missing: Sequence[MissingImage]) -> str:
-    """Return one line about missing images and skipped instants; empty for neither."""
+    """Return one line about missing images, skipped instants and those not taken; empty for none."""
     reasons = "; ".join(sorted({f"{gap.camera}: {gap.reason}" for gap in missing}))
     text = f"{count(len(missing), 'image')} missing ({reasons})" if missing else ""
-    return "; ".join(filter(None, (text, skipped_text(burst.skipped))))
+    return "; ".join(filter(None, (burst.shortfall, text, skipped_text(burst.skipped))))

@@ -53,8 +53,8 @@ class ResumedBursts:
                 # A session that cannot be resumed is left unchanged; `sessions repair` says why.
                 with suppress(SimulshotError):
                     key = (await asyncio.to_thread(read_plan, folder)).key
-                    session = await self._resume(key, folder, now_ns + wait_ns - CAMERA_DISCONNECTED_NS)
-                    session.is_closing = folders is not None
+                    heard_ns = now_ns + wait_ns - CAMERA_DISCONNECTED_NS
+                    session = await self._resume(key, folder, heard_ns, is_closing=folders is not None)
                     await session.finish_if_complete()
         self._all_resumed.set()
 
@@ -145,9 +145,16 @@ class ResumedBursts:
             else:
                 await session.suspend()
 
-    async def _resume(self, key: Key, folder: Path, heard_ns: int) -> BurstSession:
+    async def _resume(
+        self, key: Key, folder: Path, heard_ns: int, *, is_closing: bool = False
+    ) -> BurstSession:
         session = await asyncio.to_thread(
-            BurstSession.resume, folder, heard_ns, self._disk, is_of_this_run=key[0] == self._run
+            BurstSession.resume,
+            folder,
+            heard_ns,
+            self._disk,
+            is_of_this_run=key[0] == self._run,
+            is_closing=is_closing,
         )
         self._open = {burst: other for burst, other in self._open.items() if not other.finished.is_set()}
         self._open[key] = session

@@ -1,42 +1,23 @@
-"""A burst on its node, on its way to the leader: frames, encoded images, and a folder in the spool.
-
-SPOOL/<camera>/<leader>-<burst>/
-  report.json       the node's report of the burst, as sent to the leader
-  <number>.film     its images: see `film_spool`
-"""
+"""A burst on its node, on its way to the leader: frames, encoded images, and what the leader has of them."""
 
 import hashlib
 import itertools
-import os
-import threading
 from bisect import bisect_left
 from collections import deque
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Self
 
-import msgspec
 from msgspec.structs import replace
 
 from capture_app.cameras.frames import CapturedFrame
 from capture_app.common.bounds import cut
 from capture_app.common.errors import (
-    BadInputError,
     CameraError,
-    DiskError,
-    DiskFullError,
-    SimulshotError,
-    TryAgainError,
 )
-from capture_app.common.names import check_name
-from capture_app.node.camera.film_spool import SpooledFilm
-from capture_app.protocol.messages import MAX_BATCH_IMAGES, CameraReport, ImageUpload, SpoolSpace
-from capture_app.session.files.disk import LITTLE_BYTES, disk_error, disk_errors, free_bytes, reserve
-from capture_app.session.files.durable import PART, make_folders, sync_all, write_atomic
-from capture_app.session.files.locks import lock_folder
-from capture_app.session.files.untrusted_files import read_struct
+from capture_app.node.camera.spool import SpoolFolder
+from capture_app.protocol.messages import MAX_BATCH_IMAGES, CameraReport, ImageUpload
 from capture_app.session.format.burst_plan import MissingRun
 from capture_app.session.format.manifest import (
     MAX_WIDENED,
@@ -47,200 +28,9 @@ from capture_app.session.format.manifest import (
 )
 from capture_app.sync.rig.frame_selection import DROPPED, RING_BYTES, FramesSelected, SelectedFrame
 
-REPORT = "report.json"
-UNKNOWN_ROOM = 1 << 30
-"""Free space to report, in bytes, while memory replaces the spool."""
 BATCH_BYTES = 2 << 20
 """Length of the batches in which images are sent; a larger image is a batch of its own."""
 TOO_SLOW = "the node could not store its frames as fast as the camera delivered them"
-
-
-class SpoolFolder:
-    """One burst's folder, written by this object alone. Methods block on the disk.
-
-    Threads may share it. Writes after `remove` are discarded.
-    """
-
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder
-        self._changing = threading.Lock()
-        self._is_removed = False
-        self.film = SpooledFilm(folder)
-        """The burst's images."""
-
-    def write_report(self, report: CameraReport) -> None:
-        """Store the report, safe against a power cut. Raises SimulshotError."""
-        with self._changing, disk_errors(self.folder):
-            if not self._is_removed:
-                write_atomic(self.folder / REPORT, msgspec.json.encode(report))
-
-    def add(self, images: Iterable[tuple[ImageUpload, bytes]]) -> None:
-        """Append images, all or none: they survive this process now, and a power cut after `sync`.
-
-        Raises DiskFullError, SimulshotError.
-        """
-        with self._changing:
-            if not self._is_removed:
-                self.film.append(images)
-
-    def sync(self) -> None:
-        """Wait until the report and all images that were added are on the disk; deleted files are skipped.
-
-        Their order does not matter, because checksums reveal what a power cut has torn. Raises DiskFullError,
-        SimulshotError.
-        """
-        files = (self.folder / REPORT, *self.film.to_sync(), self.folder, self.folder.parent)
-        for error in sync_all(files).values():
-            if not isinstance(error, FileNotFoundError):
-                raise disk_error(error, self.folder) from error
-
-    def read_report(self) -> CameraReport:
-        """Read the stored report.
-
-        Raises BadInputError if it is missing or damaged.
-        """
-        return read_struct(self.folder / REPORT, CameraReport)
-
-    def remove(self) -> bool:
-        """Delete the burst, once the leader has all of it; return whether the disk has done so."""
-        with self._changing:
-            self._is_removed = True
-            self.film.close()
-            # The report goes last: without it, a restarted node would not find what is left.
-            with suppress(OSError):
-                for file in sorted(self.folder.iterdir(), key=lambda file: file.name == REPORT):
-                    file.unlink()
-                self.folder.rmdir()
-            return not self.folder.exists()
-
-
-def folder_name(report: CameraReport) -> str:
-    """Return the name of a burst's folder in any spool."""
-    return f"{report.leader:08x}-{report.burst:06d}"
-
-
-def _spool_roots(spool: Path) -> Iterator[Path]:
-    """Yield SPOOL, SPOOL/.2, SPOOL/.3 ..., where rigs of one machine may have a camera of one name each.
-
-    `spool` is any of them.
-    """
-    first = spool.parent if spool.name[:1] == "." and spool.name[1:].isdecimal() else spool
-    yield first
-    yield from (first / f".{number}" for number in itertools.count(2))
-
-
-def free_spool(spool: Path, camera: str) -> Path:
-    """Return `spool`, or its `.2`, `.3` ... while nodes of that name run or end in those before."""
-    for root in _spool_roots(spool):
-        with suppress(TryAgainError):
-            if (root / camera).is_dir():
-                os.close(lock_folder(root / camera))
-            return root
-    raise AssertionError("there is always one more")
-
-
-class Spool:
-    """One camera's folder of bursts, locked against other nodes of its name."""
-
-    def __init__(self, root: Path, camera: str) -> None:
-        self.camera = check_name(camera, "camera")
-        self.folder = root / camera
-        self._root = root
-        self._lock = -1
-        self._left: list[SpoolFolder] = []
-        """Bursts that a failing disk has not deleted."""
-
-    def open(self) -> list[SpoolFolder]:
-        """Lock the spool and return the bursts in it, oldest first.
-
-        Raises SimulshotError where it cannot be written, TryAgainError where another node uses it.
-        """
-        try:
-            make_folders(self.folder, Path(self.folder.anchor))
-            self._lock = lock_folder(self.folder)
-            self.adopt()
-            folders = list(self.folder.iterdir())
-            bursts = [folder for folder in folders if (folder / REPORT).is_file()]
-            for folder in (folder for folder in folders if folder not in bursts):
-                # The node was stopped while it made or removed the folder. One with images stays.
-                with suppress(OSError):
-                    (folder / f"{REPORT}{PART}").unlink(missing_ok=True)
-                    folder.rmdir()
-        except TryAgainError:
-            raise TryAgainError(
-                f"another node uses the spool {self.folder}", hint="give this one another --name or --spool"
-            ) from None
-        except OSError as error:
-            raise BadInputError(
-                f"cannot use the spool {self.folder}: {error.strerror}", hint="choose another with --spool"
-            ) from error
-        return [SpoolFolder(folder) for folder in sorted(bursts, key=lambda folder: folder.stat().st_mtime)]
-
-    def adopt(self, under_way: Collection[str] = ()) -> list[SpoolFolder]:
-        """Move bursts here that ended nodes of this name left in the other spools of this machine.
-
-        Return their folders. A burst that is `under_way` here, by its folder's name, stays for later. Blocks
-        on the disk.
-        """
-        moved = []
-        for root in itertools.takewhile(lambda root: (root / self.camera).is_dir(), _spool_roots(self._root)):
-            if root == self._root:
-                continue
-            with suppress(SimulshotError, OSError):
-                lock = lock_folder(root / self.camera)
-                try:
-                    for report in (root / self.camera).glob(f"*/{REPORT}"):
-                        folder = self.folder / report.parent.name
-                        if folder.name not in under_way and not folder.exists():
-                            report.parent.rename(folder)
-                            moved.append(SpoolFolder(folder))
-                finally:
-                    os.close(lock)
-        return moved
-
-    def create_burst(self, report: CameraReport) -> SpoolFolder:
-        """Create a burst's folder with its report; `SpoolFolder.sync` secures both against a power cut.
-
-        Raises DiskFullError, SimulshotError.
-        """
-        burst = SpoolFolder(self.folder / folder_name(report))
-        try:
-            burst.folder.mkdir(exist_ok=True)
-            write_atomic(burst.folder / REPORT, msgspec.json.encode(report), synced=False)
-        except OSError as error:
-            burst.remove()
-            raise disk_error(error, self.folder) from error
-        return burst
-
-    def remove(self, burst: SpoolFolder) -> None:
-        """Delete a burst, now or when its disk can do so again."""
-        if not burst.remove():
-            self._left.append(burst)
-
-    def look(self) -> SpoolSpace:
-        """Return the free space, and the reason if the spool cannot be used; delete what could not be before.
-
-        Blocks on the disk.
-        """
-        space = SpoolSpace(camera=self.camera, free_bytes=0, spool=str(self.folder))
-        probe = self.folder / f"probe{PART}"
-        try:
-            with disk_errors(self.folder):
-                reserve(probe, LITTLE_BYTES)
-                probe.unlink()
-                self._left = [burst for burst in self._left if not burst.remove()]
-                return replace(space, free_bytes=free_bytes(self.folder))
-        except DiskFullError as error:
-            return replace(space, problem=cut(error.what))
-        except DiskError as error:
-            # Memory replaces it, and the amount needed depends on the leader.
-            return replace(space, free_bytes=UNKNOWN_ROOM, problem=cut(error.what))
-
-    def close(self) -> None:
-        """Release the spool for another node. Calling it twice is harmless."""
-        if self._lock >= 0:
-            os.close(self._lock)
-            self._lock = -1
 
 
 def encode_frame(

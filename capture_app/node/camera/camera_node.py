@@ -21,8 +21,9 @@ from capture_app.common.clock import SimulatedClock
 from capture_app.common.errors import NetworkError, ungrouped_errors
 from capture_app.common.node_state import NodeState
 from capture_app.net.udp import client_socket
-from capture_app.node.camera.burst_upload import Spool, Upload
+from capture_app.node.camera.burst_upload import Upload
 from capture_app.node.camera.device_profiles import link_key, mode_key
+from capture_app.node.camera.spool import Spool
 from capture_app.node.camera.supervisor import CameraSupervisor, NodeOptions
 from capture_app.node.camera.uploader import Uploader
 from capture_app.node.camera.viewfinder import Viewfinder

@@ -6,6 +6,7 @@ SPOOL/<camera>/<leader>-<burst>/
 """
 
 import os
+import stat
 import threading
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import suppress
@@ -18,7 +19,9 @@ from capture_app.common.bounds import Count
 from capture_app.protocol.messages import ImageUpload
 from capture_app.session.files.disk import disk_error, disk_errors
 from capture_app.session.files.durable import AppendOnlyFile, write_all
-from capture_app.session.format.journal import lines_of_file, record_of_line
+from capture_app.session.files.untrusted_files import read_regular
+from capture_app.session.format.journal import record_of_line
+from capture_app.session.format.manifest import JOURNAL
 
 FILM, INDEX = ".film", ".ndjson"
 SEGMENT_BYTES = 8 << 20
@@ -32,11 +35,24 @@ class IndexLine(Struct, frozen=True, kw_only=True):
     frame: ImageUpload
 
 
+class FileLine(ImageUpload, frozen=True, kw_only=True, tag="image"):
+    """Line of protocol 7's journal, about an image that is a file of its own."""
+
+    offset: Count = 0
+
+    @property
+    def header(self) -> ImageUpload:
+        """The header that the image is sent with today."""
+        return ImageUpload(**{field: getattr(self, field) for field in ImageUpload.__struct_fields__})
+
+
 class Segment:
     """Files of one segment, and how many of its frames the leader does not have."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, *, has_index: bool = True) -> None:
+        """A file of protocol 7, which has one image, has no index of its own."""
         self.path, self.index = path, path.with_suffix(INDEX)
+        self.files = (self.path, self.index) if has_index else (self.path,)
         self.waiting = self.length = 0
 
 
@@ -54,24 +70,49 @@ class SpooledFilm:
         self._lines: AppendOnlyFile | None = None
         self._unsynced: set[Segment] = set()
         self._changing = threading.Lock()
+        self.unreadable: list[Path] = []
+        """Segments of an earlier run with whole lines that are not understood."""
 
     def __contains__(self, instant: object) -> bool:
         """Return whether the film has a frame of that instant, which the leader does not have."""
         return instant in self._places
 
     def recover(self) -> Iterator[ImageUpload]:
-        """Yield the headers of the frames that an earlier run has left. Raises DiskError."""
+        """Yield the headers of the frames that an earlier run has left, also as files. Raises DiskError."""
+        journal = self._folder / JOURNAL
         with disk_errors(self._folder):
             for path in sorted(self._folder.glob(f"*{FILM}")):
                 segment = Segment(path)
-                lines = lines_of_file(segment.index.read_bytes()) if segment.index.exists() else []
-                size = path.stat().st_size
-                for line in lines:
-                    place = record_of_line(line, IndexLine)
-                    if place is not None and place.offset + place.frame.bytes <= size:
-                        self._places[place.frame.record.instant] = segment, place.offset
-                        segment.waiting += 1
-                        yield place.frame
+                for line in self._lines_of(segment.index):
+                    if (place := record_of_line(line, IndexLine)) is None:
+                        self._note_unreadable(path)
+                    elif place.offset + place.frame.bytes <= _size_of(path):
+                        yield self._note_left(place.frame, segment, place.offset)
+            for line in self._lines_of(journal):
+                if (image := record_of_line(line, FileLine)) is None:
+                    self._note_unreadable(journal)
+                elif _size_of(path := self._folder / f"{image.record.instant:06d}.jpg") >= image.bytes:
+                    yield self._note_left(image.header, Segment(path, has_index=False), 0)
+
+    def _lines_of(self, path: Path) -> list[bytes]:
+        """Return the whole lines of an index: what a power cut has torn has no end."""
+        try:
+            return read_regular(path, follow_links=False).split(b"\n")[:-1]
+        except FileNotFoundError:
+            return []
+        except OSError:
+            # A link or a pipe, which a node did not write.
+            self._note_unreadable(path)
+            return []
+
+    def _note_left(self, frame: ImageUpload, segment: Segment, offset: int) -> ImageUpload:
+        self._places[frame.record.instant] = segment, offset
+        segment.waiting += 1
+        return frame
+
+    def _note_unreadable(self, path: Path) -> None:
+        if path not in self.unreadable:
+            self.unreadable.append(path)
 
     def append(self, frames: Iterable[tuple[ImageUpload, bytes]]) -> None:
         """Append frames, all or none: they survive this process now, and a power cut after `sync`.
@@ -112,7 +153,9 @@ class SpooledFilm:
                     segment, offset = place
                     try:
                         if segment not in handles:
-                            handles[segment] = os.open(segment.path, os.O_RDONLY | os.O_CLOEXEC)
+                            handles[segment] = os.open(
+                                segment.path, os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW
+                            )
                         data = os.pread(handles[segment], frame.bytes, offset)
                     except FileNotFoundError:
                         data = b""
@@ -132,13 +175,13 @@ class SpooledFilm:
                     touched.add(place[0])
             done = {segment for segment in touched if not segment.waiting and segment is not self._current}
             self._unsynced -= done
-            return [path for segment in done for path in (segment.path, segment.index)]
+            return [path for segment in done for path in segment.files]
 
     def to_sync(self) -> list[Path]:
         """Return the files to sync, so that what was appended since the last call survives a power cut."""
         with self._changing:
             unsynced, self._unsynced = self._unsynced, set()
-            return [path for segment in unsynced for path in (segment.path, segment.index)]
+            return [path for segment in unsynced for path in segment.files]
 
     def close(self) -> None:
         """Close the files; frames that are appended later go into a new segment."""
@@ -164,3 +207,12 @@ class SpooledFilm:
         if self._lines is not None:
             self._lines.close()
         self._current, self._handle, self._lines = None, -1, None
+
+
+def _size_of(path: Path) -> int:
+    """Return the size of a regular file in bytes; -1 if there is none, as behind a link."""
+    try:
+        status = path.lstat()
+    except OSError:
+        return -1
+    return status.st_size if stat.S_ISREG(status.st_mode) else -1

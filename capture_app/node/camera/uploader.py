@@ -25,7 +25,8 @@ from capture_app.common.text import count
 from capture_app.common.timeouts import UPLOAD_ANSWER_TIMEOUT_S
 from capture_app.net.asking import next_message
 from capture_app.net.channel import Channel, connect
-from capture_app.node.camera.burst_upload import Spool, SpoolFolder, Upload, encode_frame, folder_name
+from capture_app.node.camera.burst_upload import Upload, encode_frame
+from capture_app.node.camera.spool import Spool, SpoolFolder, folder_name, unknown_in
 from capture_app.protocol.log import Log
 from capture_app.protocol.messages import (
     MAX_BATCH_IMAGES,
@@ -47,6 +48,8 @@ from capture_app.trust.trust import Trust
 RETRY_S = (0.5, 1.0, 2.0, 4.0)
 SPACE_EVERY_S = 30.0
 MAX_WAITING_BURSTS = 64
+MAX_NAMED = 5
+"""Maximum number of foreign files that are named at the start."""
 MAX_IN_FLIGHT, MAX_BYTES_IN_FLIGHT = 64, 16 << 20
 """Maximum number and size of unacknowledged images, because the leader syncs its disk for many at a time."""
 UNSYNCED_S = 1.0
@@ -334,6 +337,12 @@ class Uploader:
         """
         if self.spool is not None:
             self._waiting.extend(self._read(self.spool.open()))
+            if unknown := [*unknown_in(self.spool.folder)]:
+                self._say_unknown(unknown)
+
+    def _say_unknown(self, files: Sequence[Path]) -> None:
+        names = [*map(str, files[:MAX_NAMED]), *(["..."] if len(files) > MAX_NAMED else [])]
+        self._log.say(f"not written by a node of this version, and left alone: {', '.join(names)}")
 
     def _read(self, left: Iterable[SpoolFolder]) -> list[Upload]:
         """Return the bursts in these folders of the spool with images; delete others. Blocks on the disk."""
@@ -345,6 +354,10 @@ class Uploader:
                 self._log.say(f"left in the spool: {error}")
                 continue
             if not burst.images:
+                if unread := spooled.film.unreadable:
+                    self._log.say(
+                        f"not understood, and left alone: {', '.join(map(str, unread[:MAX_NAMED]))}"
+                    )
                 spooled.remove()
                 continue
             images = count(len(burst.images), "image")

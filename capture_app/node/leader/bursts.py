@@ -3,6 +3,7 @@
 import asyncio
 import dataclasses
 import functools
+import time
 from bisect import bisect_right
 from collections import Counter, deque
 from collections.abc import AsyncGenerator, Mapping
@@ -262,6 +263,7 @@ class ActiveBursts:
                     for name, member in self._engine.roster.members.items()
                     if name in burst.clients
                 },
+                time.time_ns() - self.now_ns(),
             )
         except SimulshotError as error:
             # On a slow disk, nodes may have learned of it meanwhile.
@@ -452,6 +454,10 @@ class ActiveBursts:
         """Follow a session that was opened again, which is the newest one in a run that has ordered none."""
         if self.newest is None or self.newest.folder == session.folder:
             self.newest = session
+        now_ns = self.now_ns()
+        if (run := session.to_continue(now_ns, time.time_ns())) is not None:
+            self._engine.resume(session.burst, run, now_ns)
+            self._pump.turn()
         self._background.start(self._follow(session))
 
     async def _follow(self, session: BurstSession) -> None:

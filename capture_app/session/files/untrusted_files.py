@@ -45,18 +45,19 @@ def rejecting(what: str, *kinds: type[Exception], hint: str = "") -> Iterator[No
         raise BadInputError(f"{what}: {reason}", hint=hint) from error
 
 
-def open_regular(path: Path) -> BinaryIO:
-    """Open a regular file for reading; links are followed. Raises OSError for anything else."""
-    file = os.fdopen(os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC), "rb")
+def open_regular(path: Path, *, follow_links: bool = True) -> BinaryIO:
+    """Open a regular file for reading. Raises OSError for anything else."""
+    flags = os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC | (0 if follow_links else os.O_NOFOLLOW)
+    file = os.fdopen(os.open(path, flags), "rb")
     if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
         file.close()
         raise OSError(errno.EINVAL, "it is not a regular file", str(path))
     return file
 
 
-def read_regular(path: Path) -> bytes:
+def read_regular(path: Path, *, follow_links: bool = True) -> bytes:
     """Return the bytes of a regular file, as `open_regular` opens it."""
-    with open_regular(path) as file:
+    with open_regular(path, follow_links=follow_links) as file:
         return file.read()
 
 

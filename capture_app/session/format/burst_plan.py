@@ -81,6 +81,8 @@ class BurstPlan(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Numbers of the ordered instants that the session has; None while undecided, or for all of them."""
     streamed: InstantRange | None = None
     """Instants of a streamed burst, whose frames are sent as they are captured; `burst` then has none."""
+    unix_minus_leader_ns: int | None = None
+    """Wall clock minus leader time at the order, ns: another difference is that of another clock."""
     schema_version: int = PLAN_VERSION
 
     @property

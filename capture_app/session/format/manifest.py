@@ -173,9 +173,14 @@ class BurstRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True,
     def absence(self) -> str:
         """What was ordered and not taken, in words: "cam02 missing: lost 12 s before"; empty for nothing."""
         lacks = [f"{camera.name} missing: {camera.reason}" for camera in self.absent]
-        if self.ordered is not None:
-            lacks.insert(0, f"cut off after {len(self.instants_ns)} of {self.ordered} instants")
-        return ", ".join(lacks)
+        return ", ".join(filter(None, (self.shortfall, *lacks)))
+
+    @property
+    def shortfall(self) -> str:
+        """How many of the ordered instants were taken, in words; empty if all were."""
+        if self.ordered is None:
+            return ""
+        return f"cut off after {len(self.instants_ns)} of {self.ordered} instants"
 
 
 class ImageRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

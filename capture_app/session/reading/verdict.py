@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from itertools import groupby
 from typing import Literal
 
 from msgspec import Struct
@@ -40,6 +41,8 @@ MAX_MISSING = 1 / 3
 """Fraction of missing images above which a take is poor, whatever its synchronization."""
 LOSS_LIMITS: tuple[tuple[float, Grade], ...] = ((0.01, "excellent"), (0.1, "good"), (1.0, "fair"))
 """The best grade up to each fraction of frames that the worst camera lacks; 1 is all of them."""
+MIN_COMMON_GAP = 10
+"""Consecutive instants without any image from which their times are named."""
 _LIMITS_PX: tuple[tuple[float, Grade], ...] = ((0.1, "excellent"), (1.0, "good"), (10.0, "fair"))
 GRADE_LIMITS = "spread and error together: " + ", ".join(
     f"{grade} below {duration(limit / PX_PER_S * 1e9)}" for limit, grade in _LIMITS_PX
@@ -113,7 +116,8 @@ def judge(manifest: Manifest, *, arriving: bool = False) -> Verdict:
     lost, ordered = frames_lost(manifest), manifest.ordered_instants
     capped = cap_grade(grade, max(lost.values(), default=0) / max(1, ordered), missing, expected)
     worst = "" if silent or manifest.burst.absent else _worst_camera(lost, ordered)
-    completeness = "; ".join(filter(None, (absence, worst, _completeness(missing, expected, sync))))
+    gaps = _common_gaps(manifest) if missing else ""
+    completeness = "; ".join(filter(None, (absence, worst, _completeness(missing, expected, sync, gaps))))
     if arriving:
         completeness = f"{len(manifest.images)} of {count(expected, 'image')}, {missing} arriving"
     headline = f"{purpose}; {completeness}"
@@ -233,7 +237,7 @@ def _worst_camera(lost: dict[str, int], ordered: int) -> str:
     return f"{name} lacks {lost[name]} of {count(ordered, 'frame')}"
 
 
-def _completeness(missing: int, expected: int, sync: SyncRecord) -> str:
+def _completeness(missing: int, expected: int, sync: SyncRecord, gaps: str) -> str:
     images = count(expected, "image")
     notes = (
         (missing and sync.dropped, "dropped by the camera"),
@@ -241,7 +245,20 @@ def _completeness(missing: int, expected: int, sync: SyncRecord) -> str:
         (sync.late, "off the instant"),
     )
     there = f"{missing} of {images} missing" if missing else f"all {images} there"
-    return ", ".join([there, *(f"{number} {what}" for number, what in notes if number)])
+    counted = (f"{number} {what}" for number, what in notes if number)
+    return ", ".join(filter(None, (there, *counted, gaps)))
+
+
+def _common_gaps(manifest: Manifest) -> str:
+    """Return in words when no camera has an image, for MIN_COMMON_GAP instants or more; empty for never."""
+    instants_ns, taken = manifest.burst.instants_ns, {image.instant for image in manifest.images}
+    gaps = []
+    for is_taken, numbers in groupby(range(len(instants_ns)), taken.__contains__):
+        gap = [] if is_taken else [*numbers]
+        if len(gap) >= MIN_COMMON_GAP:
+            from_s, until_s = ((instants_ns[n] - instants_ns[0]) * 1e-9 for n in (gap[0], gap[-1]))
+            gaps.append(f"{from_s:.1f} to {until_s:.1f} s")
+    return f"no camera delivered any from {' and '.join(gaps)}" if gaps and taken else ""
 
 
 def skipped_text(skipped: Sequence[SkippedInstant]) -> str:

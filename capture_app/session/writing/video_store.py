@@ -201,7 +201,9 @@ class VideoStore:
         end, frames = video.end, []
         waiting = {instant for instant, _, _ in video.unsynced if instant != NO_INSTANT}
         for frame in given:
-            if video.find(frame.record.instant) is None and frame.record.instant not in waiting:
+            instant = frame.record.instant
+            if video.find(instant) is None and instant not in waiting:
+                waiting |= {instant} - {NO_INSTANT}
                 line, end = frame_line(frame.record, end, frame.true_ns), end + len(frame.data)
                 frames.append((frame, line, end))
         try:
@@ -265,12 +267,18 @@ class VideoStore:
 
 
 def _whole_frames(lines: Path, size: int) -> Iterator[tuple[bytes, FrameRecord]]:
-    """Yield the complete lines, and their contiguous frames, in a video of `size` bytes."""
-    end = 0
+    """Yield the complete lines, and their frames one after the other, in a video of `size` bytes.
+
+    Of two frames of one instant, the first counts.
+    """
+    end, instants = 0, set[int]()
     with lines.open("rb") as file:
         for line in file:
             # A line torn by a crash has no newline.
             frame = record_of_line(line, FrameRecord) if line.endswith(b"\n") else None
-            if frame is not None and end <= frame.offset and frame.offset + frame.bytes <= size:
+            if frame is None or frame.instant in instants:
+                continue
+            if end <= frame.offset and frame.offset + frame.bytes <= size:
                 end = frame.offset + frame.bytes
+                instants |= {frame.instant} - {NO_INSTANT}
                 yield line, frame

@@ -70,6 +70,10 @@ class BurstOrder:
     """Names of cameras that take no part."""
 
 
+Key = tuple[int, int]
+"""A burst's key: the run of the leader that ordered it, and its number there."""
+
+
 @dataclass(slots=True)
 class _OpenTrigger:
     """Trigger of a burst, and the members that have not answered it yet, by their numbers."""
@@ -91,11 +95,11 @@ class Orders:
     def __init__(self, leader: int, roster: Roster) -> None:
         """`leader` is the leader's instance number; `roster` holds the cameras that take bursts."""
         self._leader, self._roster = leader, roster
-        self._open_bursts: dict[int, _OpenTrigger] = {}
+        self._open_bursts: dict[Key, _OpenTrigger] = {}
         self._bursts = 0
-        self._busy_until_ns: dict[int, int] = {}
-        self._streamed: dict[int, tuple[Trigger, frozenset[str], int]] = {}
-        """Triggers of streamed bursts, their cameras and last instants, by number."""
+        self._busy_until_ns: dict[Key, int] = {}
+        self._streamed: dict[Key, tuple[Trigger, frozenset[str], int]] = {}
+        """Triggers of streamed bursts, their cameras and last instants."""
 
     def check(self, grid: FrameGrid | None, order: BurstOrder) -> FrameGrid:
         """Return the grid of a burst.
@@ -142,36 +146,58 @@ class Orders:
     def _cameras(self, order: BurstOrder) -> list[Member]:
         return [member for member in self._roster.cameras() if member.name not in order.without]
 
-    def end(self, burst: Burst, frames: int, now_ns: int) -> Burst:
-        """End a streamed burst after that many frames, and return the shortened burst."""
-        step_ns = burst.instants_ns[1] - burst.instants_ns[0] if len(burst.instants_ns) > 1 else 1
+    def end(self, burst: Burst, frames: int, now_ns: int, *, run: int | None = None) -> Burst:
+        """End a streamed burst after that many frames, and return the shortened burst.
+
+        `run` is the run of the leader that ordered it, if that is an earlier one.
+        """
         ended = replace(burst, instants_ns=burst.instants_ns[:frames])
-        self._open(ended, now_ns, step_ns, len(ended.instants_ns), again=True)
+        self._open(ended, now_ns, burst.step_ns, len(ended.instants_ns), again=True, run=run)
         return ended
+
+    def resume(self, burst: Burst, run: int, now_ns: int) -> None:
+        """Order the rest of a streamed burst of the leader's earlier `run`.
+
+        It is ordered from the cameras that are ready, and later from those that become so.
+        """
+        self._open(burst, now_ns, burst.step_ns, len(burst.instants_ns), again=True, run=run)
+        if (open_burst := self._open_bursts.get((run, burst.number))) is not None:
+            members = open_burst.members
+            for number in [number for number, of in members.items() if not of.report.state.is_aligned]:
+                self._close((run, burst.number), open_burst, number)
 
     def cancel(self, burst: Burst, now_ns: int) -> None:
         """Cancel a burst at the cameras that were to take it."""
         self._open(burst, now_ns, 0, 0)
-        del self._busy_until_ns[burst.number]
+        del self._busy_until_ns[self._leader, burst.number]
 
-    def _open(self, burst: Burst, now_ns: int, step_ns: int, count: int, *, again: bool = False) -> None:
+    def _open(
+        self,
+        burst: Burst,
+        now_ns: int,
+        step_ns: int,
+        count: int,
+        *,
+        again: bool = False,
+        run: int | None = None,
+    ) -> None:
         """Start sending triggers to the burst's present cameras; they replace its earlier triggers."""
-        first_ns, number, clients = burst.instants_ns[0], burst.number, frozenset(burst.clients)
+        first_ns, clients = burst.instants_ns[0], frozenset(burst.clients)
+        key = leader, number = self._leader if run is None else run, burst.number
         kind = (burst.spare, burst.streamed, burst.video) if count else (0, False, False)
-        trigger = Trigger(0, self._leader, number, first_ns, step_ns, count, *kind)
+        root = 0 if leader == self._leader else self._leader
+        trigger = Trigger(0, leader, number, first_ns, step_ns, count, *kind, root=root)
         members = {member.number: member for member in self._roster.cameras() if member.name in clients}
-        self._open_bursts.pop(number, None)
+        self._open_bursts.pop(key, None)
         if trigger.streamed:
-            self._streamed[number] = trigger, clients, burst.instants_ns[-1]
+            self._streamed[key] = trigger, clients, burst.instants_ns[-1]
         else:
-            self._streamed.pop(number, None)
+            self._streamed.pop(key, None)
         if members:
-            self._open_bursts[number] = _OpenTrigger(
+            self._open_bursts[key] = _OpenTrigger(
                 trigger, members, now_ns + TRIGGER_GIVE_UP_NS, not count, again
             )
-        self._busy_until_ns[burst.number] = (
-            max(now_ns, burst.instants_ns[-1] + burst.period_ns) + AFTER_BURST_NS
-        )
+        self._busy_until_ns[key] = max(now_ns, burst.instants_ns[-1] + burst.period_ns) + AFTER_BURST_NS
 
     def is_busy(self, now_ns: int) -> bool:
         """Whether a burst is under way or ordered."""
@@ -183,37 +209,37 @@ class Orders:
 
         Within a burst it could not align its stream.
         """
-        self._streamed = {number: burst for number, burst in self._streamed.items() if now_ns < burst[2]}
-        for number, (trigger, clients, _) in self._streamed.items():
+        self._streamed = {key: burst for key, burst in self._streamed.items() if now_ns < burst[2]}
+        for key, (trigger, clients, _) in self._streamed.items():
             if member.name in clients:
                 order = self._open_bursts.setdefault(
-                    number, _OpenTrigger(trigger, {}, now_ns + TRIGGER_GIVE_UP_NS, cancels=False, again=True)
+                    key, _OpenTrigger(trigger, {}, now_ns + TRIGGER_GIVE_UP_NS, cancels=False, again=True)
                 )
                 order.members[member.number], order.due_ns = member, AT_ONCE_NS
 
     def take_ack(self, member: Member, ack: TriggerAck) -> TriggerAnswered | None:
         """Record a member's answer; return None if it had already answered, or if the order has expired."""
-        burst = self._open_bursts.get(ack.burst)
-        if ack.leader != self._leader or burst is None or member.number not in burst.members:
+        burst = self._open_bursts.get((ack.leader, ack.burst))
+        if burst is None or member.number not in burst.members:
             return None
         # After a cancellation, an answer to the original trigger may still arrive.
         if burst.cancels and ack.refusal != CANCELLED:
             return None
-        self._close(ack.burst, burst, member.number)
+        self._close((ack.leader, ack.burst), burst, member.number)
         return None if burst.cancels or burst.again else TriggerAnswered(member.name, ack.burst, ack.refusal)
 
     def expire(self, now_ns: int) -> list[TriggerAnswered]:
         """Drop and report the orders of members that are lost or exceed the answer timeout."""
         refused = []
-        for number, burst in list(self._open_bursts.items()):
+        for key, burst in list(self._open_bursts.items()):
             if now_ns < min(burst.due_ns, burst.give_up_ns):
                 continue
             for client, member in list(burst.members.items()):
                 if member.lost or now_ns >= burst.give_up_ns:
-                    self._close(number, burst, client)
+                    self._close(key, burst, client)
                     if not burst.cancels and not burst.again:
                         why = member.lost or NO_ANSWER
-                        refused.append(TriggerAnswered(member.name, number, why, is_silent=True))
+                        refused.append(TriggerAnswered(member.name, key[1], why, is_silent=True))
         return refused
 
     def triggers_due(self, now_ns: int) -> list[tuple[Collection[Member], Trigger]]:
@@ -227,7 +253,7 @@ class Orders:
         """Leader time in ns at which the next trigger is due."""
         return min((burst.due_ns for burst in self._open_bursts.values()), default=NEVER_NS)
 
-    def _close(self, number: int, burst: _OpenTrigger, client: int) -> None:
+    def _close(self, key: Key, burst: _OpenTrigger, client: int) -> None:
         del burst.members[client]
         if not burst.members:
-            del self._open_bursts[number]
+            del self._open_bursts[key]

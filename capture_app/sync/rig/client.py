@@ -239,7 +239,7 @@ class Client(TimeClient, Generic[F]):
                 self._answered = True
                 self._align(now_ns)
             case Trigger() if self.is_addressed(message):
-                if message.leader == self._root:
+                if (message.root or message.leader) == self._root:
                     self._take_trigger(message)
                 elif message.leader != self._foreign_leader:
                     # Of a leader that is not followed, the first trigger is reported.
@@ -277,7 +277,7 @@ class Client(TimeClient, Generic[F]):
                 self._events.extend(self._bursts.keep_ordered())
                 if self._bursts and grid is not None and time_map is not None:
                     self._earlier.append((self._bursts, grid, time_map))
-                self._bursts, self._root = FrameSelection(), welcome.config.path[0]
+                self._bursts, self._root = FrameSelection(self._bursts), welcome.config.path[0]
         return is_followed
 
     def change_leader(self, reason: str, now_ns: int) -> None:
@@ -386,7 +386,9 @@ class Client(TimeClient, Generic[F]):
         elif not is_possible_burst(trigger.count, trigger.step_ns, streamed=trigger.streamed):
             refusal = f"a burst of {trigger.count} frames every {trigger.step_ns} ns is not possible"
         else:
-            self._bursts.add(trigger)
+            # What an earlier run of the leader ordered may go on by that run's time.
+            key = trigger.leader, trigger.burst
+            (next((of[0] for of in self._earlier if key in of[0]), self._bursts)).add(trigger)
         self._outbox.append(TriggerAck(trigger.client, trigger.leader, trigger.burst, refusal))
 
     def _finish_bursts(self, now_ns: int) -> None:

@@ -27,6 +27,10 @@ MAX_STREAMED_FRAMES, MAX_STREAMED_NS = 100_000_000, 31 * 86_400_000_000_000
 """Maximum frames of a burst that is streamed, and its maximum duration."""
 DROPPED = "the camera dropped the frame"
 """Reason of a gap when the frames before and after it arrived."""
+NOT_STARTED = "its node was not running yet"
+"""Reason of a gap before the first frame that a node has had."""
+LEFT_RING = "it had left the ring buffer"
+"""Reason of a gap before the oldest frame in the ring buffer."""
 NO_FRAME_OF_ITS_OWN = "the camera's frames are further apart than the instants"
 """Reason of a gap when the nearest frame belongs to the previous instant."""
 TIMEOUT_PERIODS = 30
@@ -45,6 +49,8 @@ class RingBuffer(Generic[F]):
         self._span_ns, self._max_bytes = span_ns, max_bytes
         self._entries: deque[tuple[int, F, int]] = deque()
         self._bytes = 0
+        self.first_local_ns: int | None = None
+        """Timestamp of the first frame that was ever stored, or None."""
 
     def __len__(self) -> int:
         return len(self._entries)
@@ -53,6 +59,8 @@ class RingBuffer(Generic[F]):
         """Store a frame, and drop the oldest ones that exceed the time span or the memory."""
         self._entries.append((local_ns, frame, size_bytes))
         self._bytes += size_bytes
+        if self.first_local_ns is None:
+            self.first_local_ns = local_ns
         # A clock that was set back leaves frames with future timestamps.
         while len(self._entries) > 2 and (
             abs(local_ns - self._entries[0][0]) > self._span_ns or self._bytes > self._max_bytes
@@ -95,6 +103,12 @@ class Burst:
     def frames(self) -> int:
         """Requested number of complete instants."""
         return len(self.instants_ns) - self.spare
+
+    @property
+    def step_ns(self) -> int:
+        """Time between two instants; the frame period for a single one."""
+        first_ns, *further_ns = self.instants_ns[:2]
+        return further_ns[0] - first_ns if further_ns else self.period_ns
 
 
 @dataclass(frozen=True, slots=True)
@@ -264,8 +278,10 @@ class CameraGrid:
         stamp_ns, frame = nearest
         pick = self.pick(time_map, frame, stamp_ns, instant, at_ns)
         if not is_same_instant(pick.residual_ns, self.rig_grid.period_ns):
-            late = stamp_ns == ring.oldest_local_ns and stamp_ns > target_ns
-            return Gap(instant, "it had left the ring buffer" if late else DROPPED)
+            if stamp_ns != ring.oldest_local_ns or stamp_ns < target_ns:
+                return Gap(instant, DROPPED)
+            first_ns = ring.first_local_ns
+            return Gap(instant, NOT_STARTED if first_ns is not None and target_ns < first_ns else LEFT_RING)
         return pick
 
 
@@ -333,9 +349,14 @@ class _Selection(Generic[F]):
 class FrameSelection(Generic[F]):
     """Pending bursts by root instance and burst number, whichever relay forwarded the trigger."""
 
-    def __init__(self) -> None:
+    def __init__(self, before: "FrameSelection[F] | None" = None) -> None:
+        """`before` is the selection of the leader before this one: what it has completed stays so."""
         self._pending: dict[tuple[int, int], _Selection[F]] = {}
-        self._done: deque[tuple[int, int]] = deque(maxlen=64)
+        self._done: deque[tuple[int, int]] = deque(() if before is None else before._done, maxlen=64)
+
+    def __contains__(self, burst: tuple[int, int]) -> bool:
+        """Return whether frames of a burst, by root instance and number, are still to be selected."""
+        return burst in self._pending
 
     def __bool__(self) -> bool:
         """Whether frames of any burst are still to be selected."""

@@ -257,6 +257,19 @@ class Leader:
         """Order a burst on the rig's grid. Raises as `Orders.check` does."""
         return self.orders.place(self.grid, now_ns, order)
 
+    def resume(self, burst: Burst, run: int, now_ns: int) -> None:
+        """Order the rest of a streamed burst of this leader's earlier `run`, and continue its grid.
+
+        A leader that continues another one's time, or has another period, does not.
+        """
+        if self.config.continues is not None or self.config.rig.period_ns not in (None, burst.period_ns):
+            return
+        if not self.orders.is_busy(now_ns):
+            grid = FrameGrid(burst.instants_ns[0], burst.period_ns)
+            self.current.grid_choice, self.current.grid_is_of_cameras = GridPhaseChoice(grid), True
+            self.acknowledge_all()
+        self.orders.resume(burst, run, now_ns)
+
     def send(self, member: Member, message: ControlMessage) -> None:
         """Send a message to a member."""
         self._outbox.append((encode(message), member.address))

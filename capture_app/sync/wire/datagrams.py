@@ -280,6 +280,8 @@ class Trigger(Struct, frozen=True, tag="trigger"):
     """Whether the frames are recorded as a video."""
     others: Others = ()
     """Further clients below the same relay, which forwards the order to them."""
+    root: Number = 0
+    """Instance of the root that asks for the rest of a burst which its earlier run ordered; else 0."""
 
 
 class TriggerAck(Struct, frozen=True, tag="trigger-ack"):

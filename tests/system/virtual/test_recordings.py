@@ -83,6 +83,18 @@ def test_a_camera_that_is_started_again_takes_part_again(
     )
 
 
+@pytest.mark.parametrize("others", [(), ("lead",)], ids=["the cameras", "and their leader"])
+@pytest.mark.parametrize("lasts_s", [2.0, 3.0, 8.0])
+def test_a_recording_outlives_all_its_cameras(
+    monkeypatch: pytest.MonkeyPatch, lasts_s: float, others: tuple[str, ...]
+) -> None:
+    """As those of one machine or one hub, whose leader may be on it too."""
+    all_away = [Step(BEGINS_S + 10, "kill", name, 0.0, lasts_s) for name in ("cam0", "cam1", *others)]
+    instants, missing = record(monkeypatch, *all_away)
+    assert instants in (399, 400)
+    assert len(missing) <= 2 * 10 * (lasts_s + 3), "what they took while aligned is in their ring buffers"
+
+
 @pytest.mark.parametrize("how", ["kill", "power"])
 @pytest.mark.parametrize("lasts_s", [0.0, 15.0, 60.0])
 def test_a_leader_that_ends_in_a_cut_fetches_what_was_ordered_of_its_next_run(

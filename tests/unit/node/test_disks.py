@@ -15,7 +15,7 @@ from msgspec.structs import replace
 from capture_app.common.errors import DiskError
 from capture_app.net.channel import Channel, connect
 from capture_app.node.burst.burst_session import BurstSession
-from capture_app.node.camera.burst_upload import Spool
+from capture_app.node.camera.spool import Spool
 from capture_app.node.leader.leader_node import LeaderNode
 from capture_app.node.leader.leader_options import LeaderOptions
 from capture_app.protocol.messages import (

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from capture_app.node.camera.burst_upload import Spool
+from capture_app.node.camera.spool import Spool
 from capture_app.session.files.durable import AppendOnlyFile, sync_folder, write_atomic
 from capture_app.session.writing.session_writer import SessionWriter
 from tests.images import small_jpeg

@@ -98,7 +98,9 @@ def test_bursts_that_no_leader_takes_are_named_and_how_to_drop_them(tmp_path: Pa
         folder = tmp_path / "cam0" / f"0000004d-{number:06d}"
         folder.mkdir()
         (folder / "000000.jpg").write_bytes(bytes(1_000_000))
-        assert len([*doctor.spooled(tmp_path)]) == min(1, number), "not without a report"
+        text = [found.text for found in doctor.spooled(tmp_path)]
+        assert text[0] == f"1 file that no node of this version wrote, which nodes leave alone: {folder}"
+        assert len(text) == min(2, number + 1), "not without a report"
         (folder / "report.json").write_bytes(b"{}")
     (found,) = doctor.spooled(tmp_path)
     assert (found.check, found.grade) == ("spool", "note")

@@ -4,6 +4,7 @@ import asyncio
 import dataclasses
 import shutil
 import threading
+import time
 from collections.abc import AsyncIterator
 from hashlib import sha256
 from pathlib import Path
@@ -12,22 +13,35 @@ from typing import Any
 import pytest
 from msgspec.structs import replace
 
+from capture_app.commands.take import require_whole
 from capture_app.common.address import Address
-from capture_app.common.errors import BadInputError, DiskError, DiskFullError, TryAgainError
+from capture_app.common.errors import (
+    BadInputError,
+    DiskError,
+    DiskFullError,
+    IncompleteError,
+    TryAgainError,
+)
+from capture_app.common.node_state import NodeState
 from capture_app.common.timeouts import AFTER_LAST_INSTANT_NS, CAMERA_DISCONNECTED_NS, CAMERA_STALLED_NS
 from capture_app.machine.repair import repair
 from capture_app.node.burst.burst_session import BurstSession
 from capture_app.node.burst.resumed_bursts import ResumedBursts, interrupted_folders
-from capture_app.node.leader.bursts import END_LEAD_NS
+from capture_app.node.leader.bursts import END_LEAD_NS, ActiveBursts
 from capture_app.protocol.log import Log
 from capture_app.protocol.messages import ImageBatch, ImageUpload
+from capture_app.rig.taking import Saved
+from capture_app.session.format.burst_plan import MissingRun
 from capture_app.session.format.manifest import MANIFEST
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verdict import judge
 from capture_app.session.reading.verify import verify
 from capture_app.session.writing.session_writer import SessionWriter
+from capture_app.sync.phase.frame_grid import FrameGrid
 from capture_app.sync.rig.burst_orders import BurstOrder
 from capture_app.sync.rig.frame_selection import MAX_STREAMED_NS, Burst
+from capture_app.sync.rig.rig_config import RequestedConfig
+from capture_app.sync.wire.datagrams import Heartbeat, Report, TriggerAck
 from tests.unit.node.bursts import (
     CAMERA,
     DISK,
@@ -198,8 +212,10 @@ async def test_a_recording_stays_open_while_all_its_cameras_are_silent(tmp_path:
     assert not session.finished.is_set()
     if back == "both":
         return
-    assert session.status.message == "waiting for b, 22 s; they keep their pictures"
+    assert session.status.message == "waiting for all cameras, 0 s; they keep their pictures"
     await session.give_up_silent_cameras({}, last_ns)
+    assert not session.finished.is_set()
+    await session.give_up_silent_cameras({}, last_ns + AFTER_LAST_INSTANT_NS + CAMERA_DISCONNECTED_NS)
     assert session.finished.is_set()
 
 
@@ -362,18 +378,108 @@ async def test_a_finished_session_that_is_completed_when_the_leader_stops_or_is_
     assert list(interrupted_folders(tmp_path)) == []
 
 
-async def test_a_recording_that_all_its_cameras_ended_early_is_cut_off(tmp_path: Path) -> None:
-    """Cameras of the leader's own machine end with it, and bring what they had taken to the next one."""
-    async with bursts_of(tmp_path, engine_of("a", "b")) as bursts:
-        session = await bursts.order(RECORDING)
-        await begin(session, "a", "b")
+async def restarted(bursts: ActiveBursts, *, is_ready_again: bool) -> BurstSession:
+    """All cameras of a recording are started again at its second instant, and bring what they had taken."""
+    session = await bursts.order(RECORDING)
+    await begin(session, "a", "b")
+    for camera in ("a", "b"):
+        await session.accept_report(report(camera, 0, 1), session.burst.instants_ns[2])
+        await bring(session, camera, 0, 1)
+    assert not session.finished.is_set(), "its order is not over"
+    assert session.status.message == "waiting until all cameras are ready again"
+    last_ns = session.burst.instants_ns[-1]
+    if is_ready_again:
+        before = MissingRun(first=0, count=20, reason="its node was not running yet")
         for camera in ("a", "b"):
-            ended = report(camera, 0, 1).with_plan(picked=2)
-            await session.accept_report(ended, session.burst.instants_ns[2])
-            await bring(session, camera, 0, 1)
-        await until(session.finished.is_set)
+            again = report(camera).with_plan(picking=True)
+            await session.accept_report(again, session.burst.instants_ns[21])
+            ended = report(camera, *range(20, 30)).with_plan(picked=30, missing_runs=(before,))
+            await session.accept_report(ended, last_ns)
+            await bring(session, camera, *range(20, 30))
+    else:
+        await session.give_up_silent_cameras({}, last_ns)
+        assert not session.finished.is_set()
+        await session.give_up_silent_cameras({}, last_ns + AFTER_LAST_INSTANT_NS)
+    await until(session.finished.is_set)
+    return session
+
+
+async def test_a_recording_whose_cameras_are_all_started_again_goes_on(tmp_path: Path) -> None:
+    async with bursts_of(tmp_path, engine_of("a", "b")) as bursts:
+        session = await restarted(bursts, is_ready_again=True)
+    manifest = whole(session.folder).manifest
+    assert (len(manifest.burst.instants_ns), manifest.burst.ordered, len(manifest.images)) == (30, None, 24)
+    assert {gap.reason for gap in manifest.missing} == {"its node was not running yet"}
+    assert (session.status.received, session.status.expected) == (24, 60)
+    headline = judge(manifest).headline
+    assert "36 of 60 images missing, of them" not in headline
+    assert headline.startswith("poor: 36 of 60 images missing, no camera delivered any from 0.1 to 0.6 s;")
+
+
+async def test_a_recording_whose_cameras_do_not_become_ready_again_counts_what_was_ordered(
+    tmp_path: Path,
+) -> None:
+    """In its status, in words, in its verdict, and by the exit code of `record`."""
+    async with bursts_of(tmp_path, engine_of("a", "b")) as bursts:
+        session = await restarted(bursts, is_ready_again=False)
     manifest = whole(session.folder).manifest
     assert (len(manifest.burst.instants_ns), manifest.burst.ordered) == (2, 30)
     verdict = judge(manifest)
     assert (verdict.grade, verdict.images, verdict.expected) == ("poor", 4, 60)
     assert "cut off after 2 of 30 instants, 56 of 60 images missing" in verdict.headline.replace(";", ",")
+    status = session.status
+    assert (status.instants, status.received, status.expected) == (30, 4, 60)
+    assert status.message == "cut off after 2 of 30 instants"
+    with pytest.raises(IncompleteError, match="56 of 60 images missing"):
+        require_whole(Saved(1, status, verdict), 1.0)
+
+
+async def test_the_next_run_orders_the_rest_of_a_recording(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """From cameras that are ready, and from those that become so, by the clock and the grid of before."""
+    session = recording_of(tmp_path, "a", "b")
+    await session.write_plan(LEADER - 1, unix_minus_leader_ns=time.time_ns() - session.burst.instants_ns[0])
+    await begin(session, "a", "b")
+    await session.suspend()
+    monkeypatch.setattr(StillClock, "shown_ns", session.burst.instants_ns[1])
+    engine = engine_of("a", "b")
+    a, b = (engine.roster.members[name] for name in ("a", "b"))
+    a.report = replace(a.report, state=NodeState.READY)
+    async with bursts_of(tmp_path, engine) as bursts:
+        await until(bursts.resumed.sessions)
+        (trigger,) = triggers_sent(engine, StillClock.shown_ns)
+        assert (trigger.leader, trigger.root, trigger.burst) == (LEADER - 1, LEADER, 1)
+        assert (trigger.client, trigger.first_leader_ns) == (a.number, session.burst.instants_ns[0])
+        assert trigger.count == 100
+        assert engine.grid == FrameGrid(session.burst.instants_ns[0], PERIOD_NS)
+        ready = Heartbeat(b.number, Report(state=NodeState.READY))
+        engine.receive_message(ready, ("b", 0), StillClock.shown_ns)
+        assert {of.client for of in triggers_sent(engine, StillClock.shown_ns)} >= {b.number}
+        for member in (a, b):
+            ack = TriggerAck(member.number, LEADER - 1, 1)
+            engine.receive_message(ack, (member.name, 0), StillClock.shown_ns)
+        assert triggers_sent(engine, StillClock.shown_ns + 10**9) == []
+
+
+@pytest.mark.parametrize("what", ["another clock", "another rate", "over"])
+async def test_the_rest_of_a_recording_is_not_ordered_by(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, what: str
+) -> None:
+    session = recording_of(tmp_path, "a")
+    jumped_ns = 60 * 10**9 if what == "another clock" else 0
+    difference_ns = time.time_ns() - session.burst.instants_ns[0] + jumped_ns
+    await session.write_plan(LEADER - 1, unix_minus_leader_ns=difference_ns)
+    await begin(session, "a")
+    await session.suspend()
+    now_ns = session.burst.instants_ns[-1 if what == "over" else 1]
+    monkeypatch.setattr(StillClock, "shown_ns", now_ns)
+    engine = engine_of("a")
+    if what == "another rate":
+        config = dataclasses.replace(engine.config, rig=RequestedConfig(period_ns=40_000_000))
+        monkeypatch.setattr(engine, "config", config)
+    member = engine.roster.members["a"]
+    member.report = replace(member.report, state=NodeState.READY)
+    async with bursts_of(tmp_path, engine) as bursts:
+        await until(bursts.resumed.sessions)
+        assert triggers_sent(engine, now_ns) == []

@@ -10,7 +10,7 @@ from msgspec.structs import replace
 from capture_app.common.errors import DamagedImageError
 from capture_app.net.channel import Channel
 from capture_app.node.burst.burst_session import BurstSession
-from capture_app.node.camera.burst_upload import Spool
+from capture_app.node.camera.spool import Spool
 from capture_app.node.leader.leader_node import LeaderNode
 from capture_app.protocol.messages import (
     CameraReport,

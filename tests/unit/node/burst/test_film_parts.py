@@ -1,5 +1,6 @@
 """Parts of a recording at the leader: acknowledged when they are on disk, refused frame by frame."""
 
+import asyncio
 import os
 from hashlib import sha256
 from pathlib import Path
@@ -7,13 +8,20 @@ from pathlib import Path
 import pytest
 from msgspec.structs import replace
 
+from capture_app.common.address import Address
 from capture_app.common.errors import BadInputError, DamagedImageError, DiskError, TryAgainError
+from capture_app.machine.repair import repair
 from capture_app.node.burst.burst_session import BurstSession
+from capture_app.protocol.log import Log
 from capture_app.protocol.messages import ImageBatch, Refusal
 from capture_app.session.format.burst_plan import MissingRun
+from capture_app.session.format.journal import frame_line
+from capture_app.session.reading.reader import Session
+from capture_app.session.reading.verify import verify
+from capture_app.session.writing.image_store import StoredImage
 from tests.images import small_jpeg
 from tests.unit.node.burst.test_broken_off_recordings import begin, recording_of, whole
-from tests.unit.node.bursts import IMAGE, pieces, report, upload
+from tests.unit.node.bursts import IMAGE, LEADER, pieces, report, upload
 
 OTHER = small_jpeg(b"another picture")
 TORN = IMAGE[: len(IMAGE) // 2]
@@ -30,7 +38,7 @@ async def bring(session: BurstSession, sent: ImageBatch, data: bytes) -> str:
 
 
 async def test_frames_of_a_part_follow_each_other_in_the_film(tmp_path: Path) -> None:
-    session = recording_of(tmp_path, "a")
+    session = recording_of(tmp_path, "a", frames=4)
     await begin(session, "a")
     sent = ImageBatch(images=(*part(0, 1).images, *part(2, data=OTHER).images))
     assert await bring(session, sent, IMAGE + IMAGE + OTHER) == sha256(OTHER).hexdigest()
@@ -43,7 +51,7 @@ async def test_frames_of_a_part_follow_each_other_in_the_film(tmp_path: Path) ->
 
 
 async def test_a_damaged_frame_costs_no_other_one(tmp_path: Path) -> None:
-    session = recording_of(tmp_path, "a")
+    session = recording_of(tmp_path, "a", frames=4)
     await begin(session, "a")
     sent = ImageBatch(images=(*part(0).images, *part(1, data=TORN).images, *part(2).images))
     with pytest.raises(DamagedImageError) as refused:
@@ -103,3 +111,38 @@ async def test_a_batch_has_images_of_one_camera(tmp_path: Path) -> None:
     with pytest.raises(BadInputError):
         await session.take(ImageBatch(images=(upload("a", 0), upload("b", 0))), pieces(IMAGE), 0)
     await session.suspend()
+
+
+async def test_an_instant_that_comes_twice_in_a_part_is_saved_once(tmp_path: Path) -> None:
+    session = recording_of(tmp_path, "a", frames=3)
+    await begin(session, "a")
+    await bring(session, part(0, 1, 1), 3 * IMAGE)
+    with pytest.raises(TryAgainError, match="another image of instant 2"):
+        await bring(session, ImageBatch(images=(*part(2).images, *part(2, data=OTHER).images)), IMAGE + OTHER)
+    await bring(session, part(2), IMAGE)
+    await session.accept_report(report("a").with_plan(picked=3), 0)
+    assert [image.instant for image in whole(session.folder).manifest.images] == [0, 1, 2]
+
+
+@pytest.mark.parametrize("twice", [1, 2], ids=["within", "at the end"])
+async def test_repair_mends_a_film_that_has_an_instant_twice(tmp_path: Path, twice: int) -> None:
+    """As leaders wrote it before they refused the second copy."""
+    session = recording_of(tmp_path, "a", frames=3)
+    await session.write_plan(LEADER)
+    await begin(session, "a")
+    for instant in range(3):
+        await bring(session, part(instant), IMAGE)
+        if instant == twice:
+            await asyncio.sleep(0)
+            video = session._writer.videos._videos["a"]
+            copy = StoredImage(part(instant, data=OTHER).images[0].record, memoryview(OTHER))
+            line = frame_line(copy.record, video.end, None)
+            os.pwrite(video.handle, OTHER, video.end)
+            video.lines.append(line, durable=True)
+            video.note(instant, len(line) + 1, video.end + len(OTHER))
+    await session.accept_report(report("a").with_plan(picked=3), 0)
+    problems = [str(problem) for problem in verify(Session.open(session.folder))]
+    assert any(f"2 images of a at instant {twice}" in problem for problem in problems)
+    await repair(session.folder, wait_s=0, address=Address("127.0.0.1", 1), log=Log())
+    saved = whole(session.folder)
+    assert [saved.image_bytes(image) for image in saved.manifest.images] == 3 * [IMAGE]

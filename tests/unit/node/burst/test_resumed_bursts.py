@@ -15,7 +15,7 @@ from capture_app.common.errors import BadInputError, NetworkError, TryAgainError
 from capture_app.machine.repair import repair
 from capture_app.node.burst.burst_session import BurstSession
 from capture_app.node.burst.resumed_bursts import ResumedBursts, interrupted_folders
-from capture_app.node.camera.burst_upload import Spool
+from capture_app.node.camera.spool import Spool
 from capture_app.protocol.log import Log
 from capture_app.session.format.manifest import MissingImage
 from capture_app.session.reading.reader import Session

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from capture_app.net.channel import Channel
-from capture_app.node.camera.burst_upload import Spool
+from capture_app.node.camera.spool import Spool
 from capture_app.protocol.messages import ToLeader
 from tests.unit.node.camera.uploading import Picture, burst_upload, images, uploading
 from tests.waiting import until

@@ -9,7 +9,8 @@ from msgspec.structs import replace
 from capture_app.common.errors import DamagedImageError
 from capture_app.net.channel import Channel
 from capture_app.node.burst.plans import check_report
-from capture_app.node.camera.burst_upload import TOO_SLOW, Spool, SpoolFolder, Upload, encode_frame
+from capture_app.node.camera.burst_upload import TOO_SLOW, Upload, encode_frame
+from capture_app.node.camera.spool import Spool, SpoolFolder
 from capture_app.protocol.messages import (
     CameraReport,
     ImageAck,

@@ -9,7 +9,8 @@ from pathlib import Path
 import pytest
 from msgspec.structs import replace
 
-from capture_app.node.camera.burst_upload import Spool, SpoolFolder, encode_frame, free_spool
+from capture_app.node.camera.burst_upload import encode_frame
+from capture_app.node.camera.spool import Spool, SpoolFolder, free_spool
 from capture_app.protocol.messages import CameraReport
 from tests.unit.node.camera.uploading import Picture, burst_upload
 

@@ -9,7 +9,8 @@ import pytest
 
 from capture_app.common.errors import BadInputError, DiskFullError
 from capture_app.net.channel import Channel
-from capture_app.node.camera.burst_upload import Spool, SpoolFolder, encode_frame, free_spool
+from capture_app.node.camera.burst_upload import encode_frame
+from capture_app.node.camera.spool import Spool, SpoolFolder, free_spool
 from capture_app.protocol.messages import (
     CameraReport,
     Refusal,

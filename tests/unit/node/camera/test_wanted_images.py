@@ -8,7 +8,8 @@ import pytest
 from msgspec.structs import replace
 
 from capture_app.net.channel import Channel
-from capture_app.node.camera.burst_upload import Spool, Upload
+from capture_app.node.camera.burst_upload import Upload
+from capture_app.node.camera.spool import Spool
 from capture_app.protocol.messages import (
     CameraReport,
     ImageAck,

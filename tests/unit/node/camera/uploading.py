@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from capture_app.cameras.frames import CapturedFrame
 from capture_app.common.camera_facts import PhaseControl
 from capture_app.net.channel import Channel
-from capture_app.node.camera.burst_upload import Spool, Upload
+from capture_app.node.camera.burst_upload import Upload
+from capture_app.node.camera.spool import Spool
 from capture_app.node.camera.uploader import Uploader
 from capture_app.protocol.log import Log
 from capture_app.protocol.messages import (

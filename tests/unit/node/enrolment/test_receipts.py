@@ -9,7 +9,7 @@ from msgspec.structs import replace
 
 from capture_app.common.pairing_codes import Role
 from capture_app.net.channel import Channel, connect
-from capture_app.node.camera.burst_upload import Spool
+from capture_app.node.camera.spool import Spool
 from capture_app.node.camera.uploader import Uploader
 from capture_app.node.enrolment import pair
 from capture_app.node.leader.leader_node import LeaderNode

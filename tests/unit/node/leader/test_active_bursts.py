@@ -76,9 +76,9 @@ async def order(bursts: ActiveBursts, frames: int = 2) -> BurstSession:
     return await bursts.order(BurstOrder(frames=frames, spare=max(4, frames)))
 
 
-def triggers_sent(engine: Leader) -> list[Trigger]:
-    engine.handle_timer(NOW_NS)
-    sent = (decode(data) for data, _ in engine.datagrams_to_send(NOW_NS))
+def triggers_sent(engine: Leader, now_ns: int = NOW_NS) -> list[Trigger]:
+    engine.handle_timer(now_ns)
+    sent = (decode(data) for data, _ in engine.datagrams_to_send(now_ns))
     return [message for message in sent if isinstance(message, Trigger)]
 
 

@@ -14,7 +14,7 @@ from capture_app.common.errors import BadInputError, NetworkError
 from capture_app.net.channel import Channel, connect
 from capture_app.node.burst.burst_session import BurstSession
 from capture_app.node.burst.resumed_bursts import ResumedBursts
-from capture_app.node.camera.burst_upload import REPORT, Spool
+from capture_app.node.camera.spool import REPORT, Spool
 from capture_app.node.leader.leader_node import LeaderNode
 from capture_app.node.leader.leader_options import LeaderOptions
 from capture_app.protocol.messages import (

@@ -27,8 +27,6 @@ SAME_FRACTION = 1e-6
 """Relative difference below which poses are equal; positions relative to the rig's extent from its origin."""
 NEIGHBOURS_M = 5e-4, 150.0
 """Minimum and maximum distance between neighbouring cameras, metres."""
-MAX_ERROR_PX = 1.0
-"""Maximum error of a pixel after undistorting and distorting."""
 COEFFICIENTS = {False: 5, True: 4}
 """Number of distortion coefficients of a perspective lens and of a fisheye."""
 _GRID = 16
@@ -84,7 +82,7 @@ def _distortion_fault(camera: CameraCalibration) -> str:
     pixels = np.column_stack([across.ravel(), down.ravel()])
     with np.errstate(all="ignore"):
         rays = lens.rays(pixels)
-        known = lens.known(pixels) & (np.abs(lens.project(rays) - pixels).max(1) <= MAX_ERROR_PX)
+        known = lens.known(pixels)
     if isinstance(camera.seen_deg, float) and camera.seen_deg > lens.limit_deg:
         return (
             f"its distortion folds the picture {lens.limit_deg:.1f} degrees off the axis, and points "

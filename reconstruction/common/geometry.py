@@ -4,7 +4,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Self
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 from msgspec import UNSET, UnsetType
@@ -69,10 +68,7 @@ class View:
 
     def undistort_image(self, image: Array) -> Array:
         """Return an image of this view as `undistorted` sees it; the image itself without distortion."""
-        if self.lens.is_straight:
-            return image
-        maps = self.lens.maps((self.width, self.height), self.matrix)
-        return np.asarray(cv2.remap(image, *maps, cv2.INTER_LINEAR))
+        return self.lens.undistort(image)
 
     @property
     def centre(self) -> Array:

@@ -8,7 +8,7 @@ import msgspec
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from capture_app.session.format.calibration import CameraCalibration
+from capture_app.session.format.calibration import TERMS, CameraCalibration
 
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
@@ -99,6 +99,15 @@ class Lens:
         """Return which pixels (n, 2) have a ray."""
         return np.asarray(np.linalg.norm(self._flat(pixels), axis=1) <= self.limit[1] * (1 + 1e-9))
 
+    def undistort(self, image: Picture) -> Picture:
+        """Return an image without distortion, with the same camera matrix and size."""
+        import cv2
+
+        if self.is_straight:
+            return image
+        maps = self.maps((image.shape[1], image.shape[0]), self.matrix)
+        return np.asarray(cv2.remap(image, *maps, cv2.INTER_LINEAR), np.uint8)
+
     def maps(self, size: tuple[int, int], matrix: Array, rotation: Array | None = None) -> Maps:
         """Return, for the pixels of a straight lens, this lens's pixel; outside its image if it is unknown.
 
@@ -163,8 +172,7 @@ def matrix_of(camera: CameraCalibration) -> Array:
 
 def distortion_of(camera: CameraCalibration) -> Array:
     """Return OpenCV's k1, k2, p1, p2, k3; of a fisheye its k1, k2, k3, k4."""
-    length = 4 if camera.is_fisheye else 5
-    return np.array([*camera.distortion, *[0.0] * length][:length], np.float64)
+    return np.array([*camera.distortion, *[0.0] * 5][: len(TERMS[camera.is_fisheye])], np.float64)
 
 
 def lens_of(camera: CameraCalibration) -> Lens:
@@ -273,8 +281,8 @@ def redrawing(camera: CameraCalibration, target: CameraCalibration) -> Redraw | 
     import cv2
 
     size = (target.width, target.height)
-    same_model = camera.is_fisheye == target.is_fisheye
-    if (camera.width, camera.height) == size and same_model and _parameters(camera) == _parameters(target):
+    lenses = [(one.width, one.height, one.model, _parameters(one)) for one in (camera, target)]
+    if lenses[0] == lenses[1]:
         return None
     rows, columns = np.mgrid[: target.height, : target.width].astype(np.float64)
     rays = rays_of(target, np.stack([columns.ravel(), rows.ravel()], axis=1))

@@ -4,10 +4,9 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Self
 
-import cv2
 import numpy as np
 import numpy.typing as npt
-from msgspec import UNSET
+from msgspec import UNSET, UnsetType
 
 from capture_app.session.format.calibration import CameraCalibration
 from capture_app.session.format.lens import Lens, distortion_of
@@ -21,7 +20,7 @@ class View:
     """Intrinsics (px, first pixel's centre at 0, 0) and `cam_from_rig` of one camera.
 
     `matrix` 3x3, `distortion` after OpenCV ((5,), of a fisheye (4,)), `rotation` 3x3 and `translation` (3,)
-    in the calibration's unit. `seen_deg`: as in `CameraCalibration`; None = unknown.
+    in the calibration's unit. `seen_deg`: as in `CameraCalibration`.
     """
 
     width: int
@@ -31,15 +30,14 @@ class View:
     rotation: Array
     translation: Array
     is_fisheye: bool = False
-    seen_deg: float | None = None
+    seen_deg: float | UnsetType = UNSET
 
     @classmethod
     def from_calibration(cls, camera: CameraCalibration, width: int, height: int) -> Self:
         """Return the view of a camera for images of width x height px, scaled from its calibration's size."""
         matrix = camera.matrix(width, height)
         lens = matrix, distortion_of(camera), np.array(camera.rotation), np.array(camera.translation)
-        seen_deg = camera.seen_deg if isinstance(camera.seen_deg, float) else None
-        return cls(width, height, *lens, camera.is_fisheye, seen_deg)
+        return cls(width, height, *lens, camera.is_fisheye, camera.seen_deg)
 
     @cached_property
     def lens(self) -> Lens:
@@ -60,7 +58,7 @@ class View:
             translation=tuple(float(v) for v in self.translation),  # type: ignore[arg-type]
             distortion=tuple(float(v) for v in self.distortion),
             model="fisheye" if self.is_fisheye else UNSET,
-            seen_deg=UNSET if self.seen_deg is None else self.seen_deg,
+            seen_deg=self.seen_deg,
         )
 
     @property
@@ -70,12 +68,7 @@ class View:
 
     def undistort_image(self, image: Array) -> Array:
         """Return an image of this view as `undistorted` sees it; the image itself without distortion."""
-        if self.lens.is_straight:
-            return image
-        if np.isinf(self.lens.limit[0]):
-            return np.asarray(cv2.undistort(image, self.matrix, self.distortion, None, self.matrix))
-        maps = self.lens.maps((self.width, self.height), self.matrix)
-        return np.asarray(cv2.remap(image, *maps, cv2.INTER_LINEAR))
+        return self.lens.undistort(image)
 
     @property
     def centre(self) -> Array:
@@ -103,14 +96,11 @@ class View:
 
     def project(self, points: Array) -> Array:
         """Project points (n, 3) in the camera's frame, z > 0, to distorted pixels (n, 2)."""
-        if self.lens.is_straight or not len(points):
+        if self.lens.is_straight:
             return np.asarray(
                 (points @ self.matrix.T)[:, :2] / np.where(points[:, 2:] == 0, 1, points[:, 2:])
             )
-        if np.isfinite(self.lens.limit[0]):
-            return self.lens.project(points[:, :2] / np.where(points[:, 2:] == 0, 1, points[:, 2:]))
-        pixels, _ = cv2.projectPoints(points, np.zeros(3), np.zeros(3), self.matrix, self.distortion)
-        return np.asarray(pixels).reshape(-1, 2)
+        return self.lens.project(points[:, :2] / np.where(points[:, 2:] == 0, 1, points[:, 2:]))
 
     def unproject(self, pixels: Array, depth: Array) -> Array:
         """Return rig points (n, 3) at depths (n,) along pixels (n, 2) of an undistorted view."""

@@ -243,10 +243,10 @@ def _from_board(dataset: Dataset, options: CalibrateOptions) -> _Candidate:
             "same way up in all cameras' pictures (one with an odd and an even side can be held in any way)"
         )
     lenses = lenses_of_recordings(dataset, board, _opened(options.lens_recordings), options.lens)
-    found = calibrate_from_board(recordings[0], board, corners, lenses, options.lens)
+    calibration, errors = calibrate_from_board(recordings[0], board, corners, lenses, options.lens)
     return _Candidate(
-        calibration=found.calibration,
-        errors=found.errors,
+        calibration=calibration,
+        errors=errors,
         shared=shared_corners(corners),
         board=count_coverage(dataset, board, corners),
     )

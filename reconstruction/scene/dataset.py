@@ -19,10 +19,9 @@ from capture_app.session.exporting.pinhole import straight_lens, unused_part
 from capture_app.session.files.untrusted_files import RESTORE_IMAGE
 from capture_app.session.format.calibration import Calibration, CameraCalibration
 from capture_app.session.format.calibration_judge import camera_fault
-from capture_app.session.format.lens import Lens, distortion_of
 from capture_app.session.format.manifest import FrameRecord, ImageRecord
 from capture_app.session.reading.reader import Session
-from reconstruction.common.geometry import Array
+from reconstruction.common.geometry import Array, View
 from reconstruction.common.image_files import image_size, read_image, refuse_odd_shape
 from reconstruction.common.memory import ByteCache, memory_budget
 from reconstruction.common.picture_checksums import picture_checks
@@ -98,7 +97,7 @@ class Dataset:
         own_records = [record for record in manifest.images if not record.substitute]
         self._records = shift_times(own_records, self.time_shifts_ms, self.instants_ns, self.period_ns)
         self._scale = 1.0
-        self._fisheyes: dict[str, CameraCalibration] = {}
+        self._fisheyes: dict[str, tuple[CameraCalibration, CameraCalibration]] = {}
         self._read = self._image_cache()
 
     def straightened(self, calibration: Calibration) -> Self:
@@ -107,26 +106,22 @@ class Dataset:
         Its pose is the fisheye's, its size too; see `straight_lens`. What is not used of the images is said.
         """
         fisheyes = {
-            name: lens
+            name: (lens, straight_lens(lens))
             for name, lens in calibration.cameras.items()
             if lens.is_fisheye and name in self.cameras and not camera_fault(lens)
         }
         if not fisheyes:
             return self
         straight = copy(self)
-        straight._fisheyes = fisheyes
-        straight._read = straight._image_cache()
-        for name, lens in fisheyes.items():
+        straight._fisheyes, straight._read = fisheyes, straight._image_cache()
+        for name, (lens, _) in fisheyes.items():
             talk(f"{name} is a fisheye: the outer {100 * unused_part(lens):.0f} % of its picture is not used")
         return straight
 
     def straight_calibration(self, calibration: Calibration) -> Calibration:
         """Return a calibration for the images as `straightened` has them."""
-        cameras = {
-            name: straight_lens(lens) if name in self._fisheyes and lens.is_fisheye else lens
-            for name, lens in calibration.cameras.items()
-        }
-        return msgspec.structs.replace(calibration, cameras=cameras)
+        straight = {name: lens for name, (_, lens) in self._fisheyes.items() if name in calibration.cameras}
+        return msgspec.structs.replace(calibration, cameras={**calibration.cameras, **straight})
 
     @classmethod
     def open(cls, path: Path, shifts_ms: Mapping[str, float] | None = None) -> Self:
@@ -227,11 +222,11 @@ class Dataset:
 
     def _straighten(self, camera: str, image: Array, how: int) -> Array:
         """Return an image of a fisheye as its perspective lens sees it, and any other camera's unchanged."""
-        if (fisheye := self._fisheyes.get(camera)) is None:
+        if camera not in self._fisheyes:
             return image
-        (width, height), straight = self.size(camera), straight_lens(fisheye)
-        lens = Lens(fisheye.matrix(width, height), distortion_of(fisheye), True)
-        return np.asarray(cv2.remap(image, *lens.maps((width, height), straight.matrix(width, height)), how))
+        width, height = self.size(camera)
+        fisheye, straight = (View.from_calibration(lens, width, height) for lens in self._fisheyes[camera])
+        return np.asarray(cv2.remap(image, *fisheye.lens.maps((width, height), straight.matrix), how))
 
     def image_bytes(self, camera: str, instant: int) -> bytes:
         """Return the bytes of an image's file, of a fisheye a PNG of what is redrawn.

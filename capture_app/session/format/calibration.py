@@ -13,6 +13,8 @@ if TYPE_CHECKING:
 Vector3 = tuple[Real, Real, Real]
 Matrix3 = tuple[Vector3, Vector3, Vector3]
 
+TERMS = {False: ("k1", "k2", "p1", "p2", "k3"), True: ("k1", "k2", "k3", "k4")}
+"""Distortion coefficients of a perspective lens and of a fisheye, in their order."""
 METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
 """Length of each unit, in metres."""
 

@@ -6,7 +6,7 @@ from itertools import chain, combinations
 import numpy as np
 
 from capture_app.common.errors import BadInputError
-from capture_app.session.format.calibration import CameraCalibration
+from capture_app.session.format.calibration import TERMS, CameraCalibration
 from capture_app.session.format.lens import centre_of, lens_of, rotation_of
 
 FOCAL_LIMITS = (0.05, 200.0)
@@ -27,10 +27,6 @@ SAME_FRACTION = 1e-6
 """Relative difference below which poses are equal; positions relative to the rig's extent from its origin."""
 NEIGHBOURS_M = 5e-4, 150.0
 """Minimum and maximum distance between neighbouring cameras, metres."""
-MAX_ERROR_PX = 1.0
-"""Maximum error of a pixel after undistorting and distorting."""
-COEFFICIENTS = {False: 5, True: 4}
-"""Number of distortion coefficients of a perspective lens and of a fisheye."""
 _GRID = 16
 _AGAIN = "export the calibration again with its program, or make one: reconstruct calibrate SESSION"
 
@@ -76,15 +72,15 @@ def _pose_fault(camera: CameraCalibration) -> str:
 
 
 def _distortion_fault(camera: CameraCalibration) -> str:
-    if any(camera.distortion[COEFFICIENTS[camera.is_fisheye] :]):
-        names = "k1, k2, k3 and k4" if camera.is_fisheye else "k1, k2, p1, p2 and k3"
-        return f"it has {len(camera.distortion)} distortion coefficients; {names} are understood"
+    terms = TERMS[camera.is_fisheye]
+    if any(camera.distortion[len(terms) :]):
+        return f"it has {len(camera.distortion)} distortion coefficients; {', '.join(terms)} are understood"
     lens, sides = lens_of(camera), (camera.width, camera.height)
     across, down = np.meshgrid(*(np.linspace(0, side - 1, _GRID) for side in sides))
     pixels = np.column_stack([across.ravel(), down.ravel()])
     with np.errstate(all="ignore"):
         rays = lens.rays(pixels)
-        known = lens.known(pixels) & (np.abs(lens.project(rays) - pixels).max(1) <= MAX_ERROR_PX)
+        known = lens.known(pixels)
     if isinstance(camera.seen_deg, float) and camera.seen_deg > lens.limit_deg:
         return (
             f"its distortion folds the picture {lens.limit_deg:.1f} degrees off the axis, and points "

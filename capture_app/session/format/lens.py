@@ -8,24 +8,24 @@ import msgspec
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from capture_app.common.errors import BadInputError
-from capture_app.session.format.calibration import CameraCalibration
+from capture_app.session.format.calibration import TERMS, CameraCalibration
 
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
 Redraw = Callable[[Picture], Picture]
 """Function that redraws a camera's image as seen by another lens."""
+Maps = tuple[NDArray[np.float32], NDArray[np.float32]]
+"""x and y of the pixel that each pixel of an image shows, for OpenCV's `remap`."""
 _STEPS = 30
-_FOUND_PX = 1e-6
 _GRID = 60
-_WIDEST = np.radians(87.0)
+_WIDEST = float(np.radians(87.0))
 """Maximum angle off the axis at which a fisheye has rays, which are x / z and y / z."""
 _BEFORE_FOLD = 0.98
 """Fraction of the radius at which a lens folds up to which it is used: near the fold, rays are unstable."""
-_STEEP = 0.8
-"""Fraction of that radius beyond which OpenCV's iteration to undistort converges slowly."""
+_TANGENTIAL_STEPS = 10
 OUTSIDE = -10.0
 """Pixel that no image has."""
+_TINY = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,21 +48,17 @@ class Lens:
     @cached_property
     def limit(self) -> tuple[float, float]:
         """The largest one-to-one radius: of rays (x / z), and of pixels about the centre in focal lengths."""
-        terms = self.distortion if self.is_fisheye else self.distortion[[0, 1, 4]]
-        widest = float(_WIDEST) if self.is_fisheye else np.inf
-        if not np.isfinite(9 * terms).all():
+        slope = self._bend.deriv()
+        if not np.isfinite(slope.coef).all():
             return 0.0, 0.0
-        # The derivative of x + k1 x^3 + k2 x^5 + ... is a polynomial in x squared.
-        slope = [(2 * n + 1) * term for n, term in reversed([*enumerate([1.0, *terms])])]
-        roots = np.roots(slope)
-        folds = [_BEFORE_FOLD * np.sqrt(x.real) for x in roots if abs(x.imag) < 1e-9 and x.real > 0]
-        at = float(min([*folds, widest]))
-        if not np.isfinite(at):
+        roots = np.asarray(slope.roots(), complex)
+        folds = _BEFORE_FOLD * roots.real[(np.abs(roots.imag) < 1e-9) & (roots.real > 0)]
+        if np.isinf(at := float(min([*folds, _WIDEST if self.is_fisheye else np.inf]))):
             return np.inf, np.inf
         if self.is_fisheye:
-            return float(np.tan(at)), float(self._bent(np.array(at)))
+            return float(np.tan(at)), float(self._bend(at))
         # Tangential terms move the pixels of this radius by up to three times their size.
-        return at, float(self._bent(np.array(at)) - 3 * np.hypot(*self.distortion[2:4]) * at * at)
+        return at, float(self._bend(at) - 3 * np.hypot(*self.distortion[2:4]) * at * at)
 
     @property
     def limit_deg(self) -> float:
@@ -71,105 +67,87 @@ class Lens:
 
     def project(self, rays: Array) -> Array:
         """Return the pixels (n, 2) of rays (n, 2); beyond the limit the model is continued straight."""
-        focal, centre = self.matrix[[0, 1], [0, 1]], self.matrix[:2, 2]
-        radius = np.hypot(rays[:, 0], rays[:, 1])
-        inner = rays
-        if (beyond := radius > self.limit[0]).any():
-            inner = rays * np.where(beyond, self.limit[0] / np.maximum(radius, 1e-12), 1.0)[:, None]
-        if self.is_fisheye:
-            at = np.hypot(inner[:, 0], inner[:, 1])
-            scale = self._bent(np.arctan(at)) / np.maximum(at, 1e-12)
-            pixels = inner * np.where(at > 1e-9, scale, 1.0)[:, None] * focal + centre
-        else:
-            pixels = _project_perspective(self.matrix, self.distortion, inner)[0]
-        return np.asarray(pixels + (rays - inner) * focal)
+        radius = np.hypot(rays[:, 0], rays[:, 1]).clip(_TINY)
+        known = np.minimum(radius, self.limit[0])
+        inner = rays * (known / radius)[:, None]
+        bent = self._bend(np.arctan(known) if self.is_fisheye else known)
+        flat = inner * (bent / known)[:, None] + self._tangential(inner) + (rays - inner)
+        return np.asarray(flat * self.matrix[[0, 1], [0, 1]] + self.matrix[:2, 2])
 
     def rays(self, pixels: ArrayLike) -> Array:
         """Return the rays (n, 2) of pixels (n, 2); of unknown pixels the nearest ray of a known one."""
-        import cv2
-
-        points = np.asarray(pixels, np.float64).reshape(-1, 2)
-        if not len(points):
-            return np.zeros((0, 2))  # of no points OpenCV returns one number
-        if np.isfinite(self.limit[1]):
-            centre = self.matrix[:2, 2]
-            points = (
-                centre
-                + (points - centre)
-                * np.minimum(1.0, self.limit[1] / np.maximum(self._radius(points), 1e-12))[:, None]
-            )
-        steep = self._radius(points) > _STEEP * self.limit[1]
-        if self.is_fisheye or steep.all():
-            return self._steep_rays(points)
-        # OpenCV's default of five steps leaves 30 px of error at the border of a 100 degree lens.
-        until = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 50, 1e-8)
-        found = cv2.undistortPoints(points.reshape(-1, 1, 2), self.matrix, self.distortion, criteria=until)
-        rays = np.asarray(found).reshape(-1, 2)
-        if steep.any():
-            rays[steep] = self._steep_rays(points[steep])
-        return rays
+        flat = self._flat(np.asarray(pixels, np.float64).reshape(-1, 2))
+        if self.is_straight or not len(flat):
+            return flat
+        radius = np.hypot(flat[:, 0], flat[:, 1]).clip(_TINY)
+        flat = flat * np.minimum(1.0, self.limit[1] / radius)[:, None]
+        end = np.arctan(self.limit[0]) if self.is_fisheye else min(1.0, self.limit[0])
+        while np.isinf(self.limit[0]) and self._bend(end) < 2 * radius.max():
+            end *= 2
+        table, shift = np.linspace(0.0, end, 2000), np.zeros_like(flat)
+        for _ in range(_TANGENTIAL_STEPS if self._tangential(flat).any() else 1):
+            bent = flat - shift
+            radius = np.hypot(bent[:, 0], bent[:, 1]).clip(_TINY)
+            at = np.interp(radius, self._bend(table), table)
+            for _ in range(4):
+                at = at - (self._bend(at) - radius) / self._bend.deriv()(at)
+            rays = bent * ((np.tan(at) if self.is_fisheye else at) / radius)[:, None]
+            shift = self._tangential(rays)
+        return np.asarray(rays)
 
     def known(self, pixels: Array) -> NDArray[np.bool_]:
         """Return which pixels (n, 2) have a ray."""
-        return np.asarray(self._radius(pixels) <= self.limit[1] * (1 + 1e-9))
+        return np.asarray(np.linalg.norm(self._flat(pixels), axis=1) <= self.limit[1] * (1 + 1e-9))
 
-    def maps(
-        self, size: tuple[int, int], matrix: Array, rotation: Array | None = None
-    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Return, for the pixels of a straight lens, this lens's pixel (x and y: float32, height x width).
+    def undistort(self, image: Picture) -> Picture:
+        """Return an image without distortion, with the same camera matrix and size."""
+        import cv2
+
+        if self.is_straight:
+            return image
+        maps = self.maps((image.shape[1], image.shape[0]), self.matrix)
+        return np.asarray(cv2.remap(image, *maps, cv2.INTER_LINEAR), np.uint8)
+
+    def maps(self, size: tuple[int, int], matrix: Array, rotation: Array | None = None) -> Maps:
+        """Return, for the pixels of a straight lens, this lens's pixel; outside its image if it is unknown.
 
         `size` (width, height) and `matrix` are the straight lens's, `rotation` turns this lens's rays into
-        its. What this lens does not know is outside its image.
+        its.
         """
         import cv2
 
         turned = np.eye(3) if rotation is None else rotation
-        if not self.is_fisheye:
-            xs, ys = cv2.initUndistortRectifyMap(
-                self.matrix, self.distortion, turned, matrix, size, cv2.CV_32FC1
-            )
-            if np.isinf(self.limit[0]):
-                return xs, ys
+        if np.isinf(self.limit[0]):
+            lens = self.matrix, self.distortion
+            return cv2.initUndistortRectifyMap(*lens, turned, matrix, size, cv2.CV_32FC1)
         rows, columns = np.mgrid[: size[1], : size[0]]
         flat = np.column_stack([columns.ravel(), rows.ravel(), np.ones(rows.size)])
         # A rectified pair may be mirrored: only the inverse of the product is a ray.
         ahead = flat @ np.linalg.inv(matrix @ turned).T
-        with np.errstate(divide="ignore", invalid="ignore"):
-            rays = ahead[:, :2] / ahead[:, 2:]
-        beyond = ~(np.hypot(rays[:, 0], rays[:, 1]) <= self.limit[0]) | (ahead[:, 2] <= 0)
-        if self.is_fisheye:
-            rays[beyond] = 0
-            xs, ys = self.project(rays).astype(np.float32).T.reshape(2, size[1], size[0])
-        xs, ys = np.ascontiguousarray(xs), np.ascontiguousarray(ys)
-        xs[beyond.reshape(xs.shape)] = OUTSIDE
+        ahead[ahead[:, 2] <= 0] = np.nan
+        return self.maps_of_rays(ahead[:, :2] / ahead[:, 2:], size)
+
+    def maps_of_rays(self, rays: Array, size: tuple[int, int]) -> Maps:
+        """Return the pixels of rays, one for each pixel of an image of this size, as `maps` does."""
+        pixels = self.project(rays).astype(np.float32)
+        pixels[~(np.hypot(rays[:, 0], rays[:, 1]) <= self.limit[0])] = OUTSIDE
+        xs, ys = np.ascontiguousarray(pixels.T).reshape(2, size[1], size[0])
         return xs, ys
 
-    def _bent(self, at: Array) -> Array:
-        """Return the radius of pixels by that of rays: of x / z, for a fisheye of the angle (radians)."""
+    @cached_property
+    def _bend(self) -> np.polynomial.Polynomial:
+        """The radius of pixels by that of rays: of x / z, for a fisheye of the angle (radians)."""
         terms = self.distortion if self.is_fisheye else self.distortion[[0, 1, 4]]
-        with np.errstate(over="ignore", invalid="ignore"):
-            return np.asarray(at * np.polynomial.polynomial.polyval(at * at, [1.0, *terms]))
+        return np.polynomial.Polynomial(np.kron([1.0, *terms], [0.0, 1.0]))
 
-    def _radius(self, pixels: Array) -> Array:
-        flat = (pixels - self.matrix[:2, 2]) / self.matrix[[0, 1], [0, 1]]
-        return np.hypot(flat[:, 0], flat[:, 1])
+    def _tangential(self, rays: Array) -> Array:
+        """Return how far tangential terms move the pixels (n, 2) of rays, in focal lengths."""
+        p = np.zeros(2) if self.is_fisheye else self.distortion[[3, 2]]
+        return np.asarray((rays**2).sum(1, keepdims=True) * p + 2 * rays * (rays @ p)[:, None])
 
-    def _steep_rays(self, pixels: Array) -> Array:
-        """Return rays by the inverse of the radial terms, then for tangential ones by Newton's method."""
-        flat = (pixels - self.matrix[:2, 2]) / self.matrix[[0, 1], [0, 1]]
-        radius = np.hypot(flat[:, 0], flat[:, 1])
-        widest = np.arctan(self.limit[0]) if self.is_fisheye else self.limit[0]
-        table = np.linspace(0.0, widest, 2000)
-        at = np.interp(radius, self._bent(table), table)
-        slope = [1.0, *(self.distortion if self.is_fisheye else self.distortion[[0, 1, 4]])]
-        slope = [(2 * n + 1) * term for n, term in enumerate(slope)]
-        for _ in range(4):
-            at = at - (self._bent(at) - radius) / np.polynomial.polynomial.polyval(at * at, slope)
-        ahead = np.tan(at) if self.is_fisheye else at
-        rays = flat * np.where(radius > 1e-9, ahead / np.maximum(radius, 1e-12), 1.0)[:, None]
-        if not self.is_fisheye and self.distortion[2:4].any():
-            rays = _newton(self.matrix, self.distortion, pixels, rays, 8)
-        return np.asarray(rays)
+    def _flat(self, pixels: Array) -> Array:
+        """Return pixels (n, 2) about the centre, in focal lengths."""
+        return np.asarray((pixels - self.matrix[:2, 2]) / self.matrix[[0, 1], [0, 1]])
 
 
 def rotation_of(camera: CameraCalibration) -> Array:
@@ -194,18 +172,12 @@ def matrix_of(camera: CameraCalibration) -> Array:
 
 def distortion_of(camera: CameraCalibration) -> Array:
     """Return OpenCV's k1, k2, p1, p2, k3; of a fisheye its k1, k2, k3, k4."""
-    length = 4 if camera.is_fisheye else 5
-    return np.array([*camera.distortion, *[0.0] * length][:length], np.float64)
+    return np.array([*camera.distortion, *[0.0] * 5][: len(TERMS[camera.is_fisheye])], np.float64)
 
 
 def lens_of(camera: CameraCalibration) -> Lens:
     """Return a camera's lens, at the size of its calibration."""
     return Lens(matrix_of(camera), distortion_of(camera), camera.is_fisheye)
-
-
-def undistort_pixels(pixels: ArrayLike, matrix: Array, distortion: Array) -> Array:
-    """Return a perspective lens's distorted pixels (n, 2) as x / z and y / z (n, 2) in the camera's frame."""
-    return Lens(matrix, distortion).rays(pixels)
 
 
 def triangulate_rays(seen: Iterable[tuple[Array, Array]]) -> Array:
@@ -256,58 +228,22 @@ def rodrigues(rotation: Array) -> list[float]:
 
 def project_rays(camera: CameraCalibration, rays: Array) -> Array:
     """Project rays (n, 2), x/z and y/z in the camera, to pixels (n, 2) of its lens's model."""
-    if camera.is_fisheye:
-        return lens_of(camera).project(rays)
-    return _project(camera, rays)[0]
+    return lens_of(camera).project(rays)
 
 
 def rays_of(camera: CameraCalibration, pixels: Array) -> Array:
     """Return the rays (n, 2) of pixels (n, 2); NaN where the lens model has none."""
-    if camera.is_fisheye:
-        lens = lens_of(camera)
-        return np.where(lens.known(pixels)[:, None], lens.rays(pixels), np.nan)
-    rays = (pixels - [camera.cx, camera.cy]) / [camera.fx, camera.fy]
-    rays = _newton(matrix_of(camera), distortion_of(camera), pixels, rays, _STEPS)
-    with np.errstate(all="ignore"):
-        seen, slopes, _ = _project(camera, rays)
-        far = np.abs(seen - pixels).max(axis=1)
-        # Past its turning point the polynomial maps rays from outside the image to the same pixel.
-        turned = np.minimum(slopes[:, 0, 0], slopes[:, 1, 1]) <= 0
-    rays[~(far < _FOUND_PX) | turned] = np.nan
-    return np.asarray(rays)
-
-
-def _newton(matrix: Array, distortion: Array, pixels: Array, rays: Array, steps: int) -> Array:
-    """Improve the rays (n, 2) of a perspective lens's pixels (n, 2) by Newton's method."""
-    focal = matrix[[0, 1], [0, 1]]
-    with np.errstate(all="ignore"):
-        for _ in range(steps):
-            seen, slopes, _ = _project_perspective(matrix, distortion, rays)
-            error = seen - pixels
-            if not np.nanmax(np.abs(error / focal)) > 1e-13:
-                break
-            (a, b), (c, d) = slopes.transpose(1, 2, 0)
-            step = np.stack([d * error[:, 0] - b * error[:, 1], a * error[:, 1] - c * error[:, 0]], axis=1)
-            rays = rays - step / (a * d - b * c)[:, None]
-    return rays
+    lens = lens_of(camera)
+    return np.where(lens.known(pixels)[:, None], lens.rays(pixels), np.nan)
 
 
 def picture_rays(camera: CameraCalibration) -> Array:
-    """Return the rays (n, 2) of a grid over the whole image, edge to edge, for pixels that have one.
-
-    Raises BadInputError if hardly any pixel has one, which no real lens does.
-    """
+    """Return the rays (n, 2) of a grid over the whole image, edge to edge, for pixels that have one."""
     columns, rows = np.meshgrid(
         np.linspace(-0.5, camera.width - 0.5, _GRID), np.linspace(-0.5, camera.height - 0.5, _GRID)
     )
     rays = rays_of(camera, np.stack([columns.ravel(), rows.ravel()], axis=1))
-    known = ~np.isnan(rays).any(axis=1)
-    if known.mean() < 0.1:
-        given = ", ".join(f"{value:.4g}" for value in distortion_of(camera))
-        raise BadInputError(
-            f"no lens has the distortion ({given}) at f = {camera.fx:.0f} px", hint="calibrate again"
-        )
-    return np.asarray(rays[known])
+    return np.asarray(rays[~np.isnan(rays).any(axis=1)])
 
 
 def without_k3(camera: CameraCalibration) -> tuple[CameraCalibration, float]:
@@ -322,7 +258,7 @@ def without_k3(camera: CameraCalibration) -> tuple[CameraCalibration, float]:
     seen = project_rays(camera, rays)
     fitted = msgspec.structs.replace(camera, distortion=(*map(float, distortion_of(camera)[:4]), 0.0))
     for _ in range(_STEPS):
-        _, _, slopes = _project(fitted, rays)
+        slopes = _slopes(fitted, rays)
         scale = np.linalg.norm(slopes, axis=0)
         step = np.linalg.lstsq(slopes / scale, (seen - project_rays(fitted, rays)).ravel())[0] / scale
         fx, fy, cx, cy, *given = (np.array(_parameters(fitted)) + step).tolist()
@@ -345,24 +281,12 @@ def redrawing(camera: CameraCalibration, target: CameraCalibration) -> Redraw | 
     import cv2
 
     size = (target.width, target.height)
-    same_model = camera.is_fisheye == target.is_fisheye
-    if (camera.width, camera.height) == size and same_model and _parameters(camera) == _parameters(target):
+    lenses = [(one.width, one.height, one.model, _parameters(one)) for one in (camera, target)]
+    if lenses[0] == lenses[1]:
         return None
-    if not lens_of(target).is_straight:
-        rows, columns = np.mgrid[: target.height, : target.width].astype(np.float64)
-        rays = rays_of(target, np.stack([columns.ravel(), rows.ravel()], axis=1))
-        pixels = project_rays(camera, rays).astype(np.float32).reshape(target.height, target.width, 2)
-        pixels[np.isnan(pixels)] = OUTSIDE
-        maps = np.ascontiguousarray(pixels[..., 0]), np.ascontiguousarray(pixels[..., 1])
-    else:
-        maps = lens_of(camera).maps(size, matrix_of(target))
-        across = (np.arange(target.width) - target.cx) / target.fx
-        down = (np.arange(target.height) - target.cy) / target.fy
-        # Far outside the image, the lens's polynomial may map rays back into it.
-        unseen = (
-            np.hypot(across[None], down[:, None]) > 1.01 * np.linalg.norm(picture_rays(camera), axis=1).max()
-        )
-        maps[0][unseen] = OUTSIDE
+    rows, columns = np.mgrid[: target.height, : target.width].astype(np.float64)
+    rays = rays_of(target, np.stack([columns.ravel(), rows.ravel()], axis=1))
+    maps = lens_of(camera).maps_of_rays(rays, size)
     for axis, length in zip(maps, (camera.width, camera.height), strict=True):
         # The image extends half a pixel beyond its outermost pixel centres.
         np.clip(axis, 0, length - 1, out=axis, where=(axis >= -0.51) & (axis <= length - 0.49))
@@ -381,19 +305,10 @@ def _parameters(camera: CameraCalibration) -> tuple[float, ...]:
     return (camera.fx, camera.fy, camera.cx, camera.cy, *map(float, terms))
 
 
-def _project(camera: CameraCalibration, rays: Array) -> tuple[Array, Array, Array]:
-    """Return what `_project_perspective` does of a camera's lens."""
-    return _project_perspective(matrix_of(camera), distortion_of(camera), rays)
-
-
-def _project_perspective(matrix: Array, distortion: Array, rays: Array) -> tuple[Array, Array, Array]:
-    """Return pixels (n, 2) of rays and their derivatives by the ray and by the lens parameters.
-
-    By x and y of the ray: (n, 2, 2). By fx, fy, cx, cy, k1, k2, p1 and p2, for all pixels flattened: (2n, 8).
-    """
+def _slopes(camera: CameraCalibration, rays: Array) -> Array:
+    """Return derivatives (2n, 8) of a perspective lens's pixels by fx, fy, cx, cy, k1, k2, p1 and p2."""
     import cv2
 
     points, none = np.column_stack([rays, np.ones(len(rays))]), np.zeros(3)
-    projected = cv2.projectPoints(points, none, none, matrix, distortion)
-    pixels, slopes = (np.asarray(part, np.float64) for part in projected)
-    return pixels.reshape(-1, 2), slopes[:, 3:5].reshape(-1, 2, 2), slopes[:, 6:14]
+    _, slopes = cv2.projectPoints(points, none, none, matrix_of(camera), distortion_of(camera))
+    return np.asarray(slopes)[:, 6:14]

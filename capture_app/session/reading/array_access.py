@@ -179,7 +179,7 @@ class CameraMatrices:
 
     @property
     def lens(self) -> Lens:
-        """The lens: one way from pixels to rays and back for both models."""
+        """The lens, which maps pixels to rays and back."""
         return Lens(self.camera_matrix, self.distortion, self.is_fisheye)
 
     def project(self, points: npt.ArrayLike) -> Numbers:
@@ -189,18 +189,13 @@ class CameraMatrices:
         """
         points = np.asarray(points, np.float64)
         seen = points @ self.cam_from_rig[:3, :3].T + self.cam_from_rig[:3, 3]
-        if not seen.size:
-            return np.zeros((*points.shape[:-1], 2))  # OpenCV returns nothing then
         with np.errstate(divide="ignore", invalid="ignore"):
             pixels = self.lens.project((seen[..., :2] / seen[..., 2:]).reshape(-1, 2))
         return np.where(seen[..., 2:] > 0, pixels.reshape(*points.shape[:-1], 2), np.nan)
 
     def undistort(self, image: Pixels) -> Pixels:
         """Return the image without lens distortion, with the same camera matrix and size."""
-        import cv2
-
-        maps = self.lens.maps((image.shape[1], image.shape[0]), self.camera_matrix)
-        return np.asarray(cv2.remap(image, *maps, cv2.INTER_LINEAR), np.uint8)
+        return self.lens.undistort(image)
 
     def undistort_points(self, pixels: npt.ArrayLike) -> Numbers:
         """Return pixels (n x 2) as x / z and y / z (n x 2) in the camera's frame."""

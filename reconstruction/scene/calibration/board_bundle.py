@@ -143,17 +143,15 @@ def _fit(views: Mapping[str, View], seen: Sightings, keep_lenses: frozenset[str]
     covariance = full.covariance(all_terms)
     start, borne = all_terms.copy(), {}
     for name, view in views.items():
-        lens = slice(full.of_camera[name], full.of_camera[name] + LENS)
+        lens = full.of_lens[name]
         of_lens = all_terms[lens], covariance[lens, lens]
         needed = math.log(max(2, sum(at[1].size for key, at in seen.items() if key[0] == name)))
         borne[name], start[lens] = _borne_terms(view.is_fisheye, whole[name], *of_lens, needed)
-    final, values = full, all_terms
-    if borne != whole:
-        final = Adjustment(views, seen, borne, noise_px)
-        values = final.solve(start)
-        # What a term that is left out would change is unknown by as much.
-        change = np.where(final.free, (all_terms - values) / SURE, 0.0)
-        covariance = final.covariance(values) + np.diag(change**2)
+    final = Adjustment(views, seen, borne, noise_px)
+    values = final.solve(start)
+    # What a term that is left out would change is unknown by as much.
+    change = np.where(final.free, (all_terms - values) / SURE, 0.0)
+    covariance = final.covariance(values) + np.diag(change**2)
     adjusted = final.views_at(values)
     errors = {name: final.errors(name, view, covariance) for name, view in adjusted.items()}
     return Bundle(adjusted, errors, final.rms_px(values))
@@ -195,20 +193,19 @@ class Adjustment:
         noise_px: float = MIN_NOISE_PX,
     ) -> None:
         """`terms`: numbers of the lens parameters that are free, by camera. `noise_px`: of the corners."""
-        self.views, self.seen, self.terms = views, seen, terms
+        self.views, self.seen = views, seen
         self.of_camera = {name: CAMERA * i for i, name in enumerate(views)}
         self.moments = sorted({moment for _, moment in seen})
         self.of_board = {moment: CAMERA * len(views) + 6 * i for i, moment in enumerate(self.moments)}
         self.free = np.ones(CAMERA * len(views) + 6 * len(self.moments), bool)
-        for name, at in self.of_camera.items():
-            self.free[at : at + LENS] = [place in terms[name] for place in range(LENS)]
         # The first camera's pose defines the rig's frame.
         self.free[LENS:CAMERA] = False
+        self.of_lens = {name: slice(at, at + LENS) for name, at in self.of_camera.items()}
         # What lenses are like decides what the corners leave open.
         self.usual, self.weight = np.zeros(len(self.free)), np.zeros(len(self.free))
-        for name, view in views.items():
-            lens = slice(self.of_camera[name], self.of_camera[name] + LENS)
-            self.usual[lens], deviation = _usual_lens(view)
+        for name, lens in self.of_lens.items():
+            self.free[lens] = [place in terms[name] for place in range(LENS)]
+            self.usual[lens], deviation = _usual_lens(views[name])
             self.weight[lens] = (noise_px / deviation) ** 2 * self.free[lens]
 
     def start(self) -> Array:
@@ -259,27 +256,20 @@ class Adjustment:
         free = np.flatnonzero(self.free)
         # Values of very different sizes: invert the equations of values in their own slopes.
         scale = 1 / np.sqrt(np.diag(normal)[free].clip(1e-12))
-        inverse = (
-            scale[:, None]
-            * np.linalg.pinv(normal[np.ix_(free, free)] * np.outer(scale, scale), hermitian=True)
-            * scale
+        inverse = np.zeros_like(normal)
+        inverse[np.ix_(free, free)] = np.outer(scale, scale) * np.linalg.pinv(
+            normal[np.ix_(free, free)] * np.outer(scale, scale), hermitian=True
         )
-        squares, count, scores = 0.0, 0, np.zeros((len(self.seen), len(values)))
+        scores, count = np.zeros((len(self.seen), len(values))), 0
         for row, key in enumerate(self.seen):
             error, jacobian, weight, where = self._sighting(key, values)
-            weighted = weight * error.ravel()
-            squares, count = squares + float(weighted @ weighted), count + error.size
-            scores[row, where] = jacobian.T @ weighted
-        spread = inverse @ scores[:, free].T
-        plain = inverse * squares / max(1, count - len(free))
+            scores[row, where], count = jacobian.T @ (weight * error.ravel()), count + error.size
+        plain = inverse * self.rms_px(values) ** 2 * count / max(1, count - len(free))
         pictures = len(self.seen) / max(1, len(self.seen) - LENS)
-        place = {int(number): row for row, number in enumerate(free)}
         watched = [at + n for at in self.of_camera.values() for n in (0, *range(LENS, CAMERA))]
-        watched = [place[at] for at in watched if at in place]
-        worse = [pictures * float(spread[at] @ spread[at]) / max(plain[at, at], 1e-300) for at in watched]
-        covariance = np.zeros((len(values), len(values)))
-        covariance[np.ix_(free, free)] = plain * max(1.0, float(np.median(worse or [1.0])))
-        return covariance
+        watched = [at for at in watched if self.free[at]]
+        worse = pictures * ((inverse[watched] @ scores.T) ** 2).sum(1) / np.diag(plain)[watched].clip(1e-300)
+        return np.asarray(plain * max(1.0, float(np.median(worse if watched else 1.0))))
 
     def errors(self, name: str, view: View, covariance: Array) -> CameraErrors:
         """Return the 95 % errors of a camera."""
@@ -342,13 +332,9 @@ def _usual_lens(view: View) -> tuple[Array, Array]:
 
 def _centre_variance(view: View, pose: Array) -> Array:
     """Return the covariance of a camera's position by that of its rotation vector and translation."""
-    rvec = cv2.Rodrigues(view.rotation)[0].ravel()
-    slopes = np.empty((3, 6))
-    for axis in range(3):
-        step = np.eye(3)[axis] * 1e-6
-        moved = [-cv2.Rodrigues(rvec + sign * step)[0].T @ view.translation for sign in (1, -1)]
-        slopes[:, axis] = (moved[0] - moved[1]) / 2e-6
-    slopes[:, 3:] = -view.rotation.T
+    _, by_turn = cv2.Rodrigues(cv2.Rodrigues(view.rotation)[0])
+    by_turn = np.einsum("vrc,r->cv", by_turn.reshape(3, 3, 3), view.translation)
+    slopes = -np.hstack([by_turn, view.rotation.T])
     return np.asarray(slopes @ pose @ slopes.T)
 
 

@@ -4,9 +4,9 @@ The pairwise stage accumulates errors along the rig, and each lens uses only its
 adjustment therefore uses all corners.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from enum import StrEnum
 from itertools import accumulate, combinations
 
@@ -90,7 +90,11 @@ def calibrate_lens(
         (name, moment): (at.astype(float), there.astype(float))
         for moment, (at, there) in enumerate(zip(points, pixels, strict=True))
     }
-    fits = [_adjusted_lens(size, Lens(*lens, True), sightings) for lens in _fisheyes(size)]
+    fits = []
+    for degrees in FISHEYE_DEG:
+        matrix = np.diag([max(size) / np.radians(degrees)] * 2 + [1.0])
+        matrix[:2, 2] = (np.array(size) - 1) / 2
+        fits.append(_adjusted_lens(size, Lens(matrix, np.zeros(4), True), sightings))
     if plain is not None:
         plain, error_px = _adjusted_lens(size, plain, sightings)
     lens, fisheye_px = min(fits, key=lambda fit: fit[1])
@@ -102,14 +106,6 @@ def calibrate_lens(
             f"lens within {error_px:.2f} px"
         )
     return lens
-
-
-def _fisheyes(size: tuple[int, int]) -> Iterator[tuple[Array, Array]]:
-    """Yield matrix and distortion of fisheyes from which one is fitted."""
-    for degrees in FISHEYE_DEG:
-        matrix = np.diag([max(size) / np.radians(degrees)] * 2 + [1.0])
-        matrix[:2, 2] = (np.array(size) - 1) / 2
-        yield matrix, np.zeros(4)
 
 
 def _adjusted_lens(size: tuple[int, int], lens: Lens, sightings: Sightings) -> tuple[Lens, float]:
@@ -208,24 +204,16 @@ def shared_corners(corners: BoardCorners) -> dict[tuple[str, str], tuple[Array, 
     return {pair: (at_a, at_b) for pair, (at_a, at_b) in pixels.items()}
 
 
-@dataclass(frozen=True)
-class BoardCalibration:
-    """A calibration from a board, and its 95 % errors by camera."""
-
-    calibration: Calibration
-    errors: Mapping[str, CameraErrors]
-
-
 def calibrate_from_board(
     dataset: Dataset,
     board: Board,
     corners: BoardCorners,
     known: Mapping[str, Lens] | None = None,
     model: LensModel = LensModel.AUTO,
-) -> BoardCalibration:
+) -> tuple[Calibration, Mapping[str, CameraErrors]]:
     """Calibrate every lens, place the cameras by boards that they share, then adjust everything together.
 
-    `known`: lenses that are calibrated already and stay fixed.
+    `known`: lenses that are calibrated already and stay fixed. Returns the 95 % errors by camera, too.
 
     Raises:
         BadInputError: the board was seen too rarely, or a camera shares no boards with the others.
@@ -277,7 +265,7 @@ def calibrate_from_board(
         unit="m",
         source=f"{kind} in {len(corners)} images of {dataset.name}{own}{off}",
     )
-    return BoardCalibration(calibration, bundle.errors)
+    return calibration, bundle.errors
 
 
 def _seen_deg(view: View, seen: Sequence[Corners]) -> float:

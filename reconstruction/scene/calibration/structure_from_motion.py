@@ -4,7 +4,6 @@ import math
 import tempfile
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
 from typing import Any
@@ -142,45 +141,41 @@ def calibrate_from_images(motion: SceneMotion, field_of_view_deg: float | None =
         if len(cameras) >= MIN_TO_SEPARATE_LENSES:
             found = _found(pycolmap, dataset, cameras, root, focal_px, held=False)
             try:
-                refuse_odd_lenses(found.calibration.cameras, focal_px)
+                refuse_odd_lenses(found[0].cameras, focal_px)
             except NotApplicableError:
                 if len(focal_px) < len(cameras):
                     raise
                 with suppress(NotApplicableError):
                     # Without what was given: a wrong lens to begin with leads to wrong poses.
                     alone = _found(pycolmap, dataset, cameras, root, {}, held=False)
-                    if alone.errors and max(alone.errors) <= MAX_BELIEVED:
+                    if max(alone[1], default=math.inf) <= MAX_BELIEVED:
                         return _contradicting(alone, focal_px)
             else:
                 return _contradicting(found, focal_px)
         # The static scene does not determine the lenses: fix them at their likely values.
-        return _found(pycolmap, dataset, cameras, root, focal_px, held=True).calibration
+        return _found(pycolmap, dataset, cameras, root, focal_px, held=True)[0]
 
 
-@dataclass(frozen=True)
-class _Found:
-    """A calibration by COLMAP, and the relative 95 % errors of its focal lengths; none if not determined."""
-
-    calibration: Calibration
-    errors: Sequence[float]
+_Found = tuple[Calibration, Sequence[float]]
+"""A calibration by COLMAP, and the relative 95 % errors of its focal lengths; none if not determined."""
 
 
 def _contradicting(found: _Found, focal_px: Mapping[str, float]) -> Calibration:
     """Return a calibration, with the given fields of view that it contradicts in its source, and say so."""
-    worst = max(found.errors, default=math.inf)
-    cameras = found.calibration.cameras
+    calibration, errors = found
+    worst, cameras = max(errors, default=math.inf), calibration.cameras
     if not (given := focal_px.keys() & cameras.keys()) or worst > MAX_BELIEVED:
-        return found.calibration
+        return calibration
     name = max(sorted(given), key=lambda one: abs(math.log(cameras[one].fx / focal_px[one])))
     camera, likely = cameras[name], focal_px[name]
     if abs(math.log(camera.fx / likely)) <= worst + GIVEN_ERROR:
-        return found.calibration
+        return calibration
     degrees, wrong = field_of_view_deg(camera), math.degrees(2 * math.atan(camera.width / 2 / likely))
     # The derivative of 2 atan(w / 2f) by the logarithm of f is the sine of the angle.
     error = math.degrees(math.sin(math.radians(degrees)) * worst)
     text = f"{wrong:.1f} degrees were given; the pictures say {degrees:.1f} ± {error:.1f} ({name})"
     talk(f"{text}: the pictures are believed")
-    return msgspec.structs.replace(found.calibration, source=f"{found.calibration.source}, {text}")
+    return msgspec.structs.replace(calibration, source=f"{calibration.source}, {text}")
 
 
 def _found(
@@ -218,7 +213,7 @@ def _found(
         f"{rec.num_points3D()} still points, {rec.compute_mean_reprojection_error():.2f} px"
         f"{guess}{lenses}{left_out}",
     )
-    return _Found(calibration, errors)
+    return calibration, errors
 
 
 def _lens_errors_text(errors: Sequence[float], *, held: bool, flat: bool) -> str:

@@ -20,6 +20,7 @@ import numpy as np
 from capture_app.common.errors import BadInputError
 from capture_app.common.names import name_like
 from capture_app.common.text import count
+from capture_app.session.format.calibration import TERMS
 from capture_app.session.format.manifest import IMAGE_SUFFIXES, inside
 from capture_app.session.importing.importer import Importer
 from capture_app.session.importing.recording_sources import Images, Layout, image_folder
@@ -38,7 +39,6 @@ from capture_app.session.reading.decoding import image_size
 _TRANSFORMS = "transforms.json"
 _HALF_PIXEL = 0.5
 _PERSPECTIVE = ("OPENCV", "PINHOLE", "PERSPECTIVE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL")
-_TERMS = {False: ("k1", "k2", "p1", "p2", "k3"), True: ("k1", "k2", "k3", "k4")}
 _OPENCV_FROM_OPENGL = np.array([1.0, -1.0, -1.0])
 
 
@@ -140,7 +140,7 @@ def _image(path: Path, content: Mapping[str, Any], frame: Any, cameras: Sequence
     cx, cy = (_number(where, all_of, key, side / 2) for key, side in (("cx", width), ("cy", height)))
     view = View(
         matrix=pinhole(fx, fy, cx - _HALF_PIXEL, cy - _HALF_PIXEL),
-        distortion=np.array([_number(where, all_of, key, 0.0) for key in _TERMS[is_fisheye]]),
+        distortion=np.array([_number(where, all_of, key, 0.0) for key in TERMS[is_fisheye]]),
         rotation=rotation,
         translation=-rotation @ pose[:3, 3],
         size=(width, height),

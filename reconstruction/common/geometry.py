@@ -1,14 +1,16 @@
 """Calibrated views: mapping between pixels and rays."""
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, Self
 
 import cv2
 import numpy as np
 import numpy.typing as npt
+from msgspec import UNSET
 
 from capture_app.session.format.calibration import CameraCalibration
-from capture_app.session.format.lens import undistort_pixels
+from capture_app.session.format.lens import Lens, distortion_of
 
 Array = npt.NDArray[Any]
 """An array; its type and shape are in the docstring of what uses it."""
@@ -18,8 +20,8 @@ Array = npt.NDArray[Any]
 class View:
     """Intrinsics (px, first pixel's centre at 0, 0) and `cam_from_rig` of one camera.
 
-    `matrix` 3x3, `distortion` (5,) after OpenCV, `rotation` 3x3 and `translation` (3,) in the
-    calibration's unit.
+    `matrix` 3x3, `distortion` after OpenCV ((5,), of a fisheye (4,)), `rotation` 3x3 and `translation` (3,)
+    in the calibration's unit. `seen_deg`: as in `CameraCalibration`; None = unknown.
     """
 
     width: int
@@ -28,14 +30,21 @@ class View:
     distortion: Array
     rotation: Array
     translation: Array
+    is_fisheye: bool = False
+    seen_deg: float | None = None
 
     @classmethod
     def from_calibration(cls, camera: CameraCalibration, width: int, height: int) -> Self:
         """Return the view of a camera for images of width x height px, scaled from its calibration's size."""
         matrix = camera.matrix(width, height)
-        distortion = np.zeros(5)
-        distortion[: len(camera.distortion)] = camera.distortion[:5]
-        return cls(width, height, matrix, distortion, np.array(camera.rotation), np.array(camera.translation))
+        lens = matrix, distortion_of(camera), np.array(camera.rotation), np.array(camera.translation)
+        seen_deg = camera.seen_deg if isinstance(camera.seen_deg, float) else None
+        return cls(width, height, *lens, camera.is_fisheye, seen_deg)
+
+    @cached_property
+    def lens(self) -> Lens:
+        """The view's lens."""
+        return Lens(self.matrix, self.distortion, self.is_fisheye)
 
     def to_calibration(self) -> CameraCalibration:
         """Return the view in the form that a session's calibration stores."""
@@ -50,18 +59,23 @@ class View:
             rotation=tuple(tuple(float(v) for v in row) for row in self.rotation),  # type: ignore[arg-type]
             translation=tuple(float(v) for v in self.translation),  # type: ignore[arg-type]
             distortion=tuple(float(v) for v in self.distortion),
+            model="fisheye" if self.is_fisheye else UNSET,
+            seen_deg=UNSET if self.seen_deg is None else self.seen_deg,
         )
 
     @property
     def undistorted(self) -> Self:
         """The same view without lens distortion, as undistorted images have it."""
-        return replace(self, distortion=np.zeros(5))
+        return replace(self, distortion=np.zeros(5), is_fisheye=False)
 
     def undistort_image(self, image: Array) -> Array:
         """Return an image of this view as `undistorted` sees it; the image itself without distortion."""
-        if not self.distortion.any():
+        if self.lens.is_straight:
             return image
-        return np.asarray(cv2.undistort(image, self.matrix, self.distortion, None, self.matrix))
+        if np.isinf(self.lens.limit[0]):
+            return np.asarray(cv2.undistort(image, self.matrix, self.distortion, None, self.matrix))
+        maps = self.lens.maps((self.width, self.height), self.matrix)
+        return np.asarray(cv2.remap(image, *maps, cv2.INTER_LINEAR))
 
     @property
     def centre(self) -> Array:
@@ -80,7 +94,7 @@ class View:
 
     def rays(self, pixels: Array) -> Array:
         """Return the directions (n, 3) with z = 1, in the camera's frame, of distorted pixels (n, 2)."""
-        flat = undistort_pixels(pixels, self.matrix, self.distortion)
+        flat = self.lens.rays(pixels)
         return np.column_stack([flat, np.ones(len(flat))])
 
     def undistort(self, pixels: Array) -> Array:
@@ -89,10 +103,12 @@ class View:
 
     def project(self, points: Array) -> Array:
         """Project points (n, 3) in the camera's frame, z > 0, to distorted pixels (n, 2)."""
-        if not self.distortion.any() or not len(points):
+        if self.lens.is_straight or not len(points):
             return np.asarray(
                 (points @ self.matrix.T)[:, :2] / np.where(points[:, 2:] == 0, 1, points[:, 2:])
             )
+        if np.isfinite(self.lens.limit[0]):
+            return self.lens.project(points[:, :2] / np.where(points[:, 2:] == 0, 1, points[:, 2:]))
         pixels, _ = cv2.projectPoints(points, np.zeros(3), np.zeros(3), self.matrix, self.distortion)
         return np.asarray(pixels).reshape(-1, 2)
 

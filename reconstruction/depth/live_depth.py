@@ -51,11 +51,9 @@ class LiveDepth:
             for name, view in views.items()
         }
         self._maps = {
-            name: cv2.initUndistortRectifyMap(
-                view.matrix, view.distortion, None, view.matrix, (view.width, view.height), cv2.CV_16SC2
-            )
+            name: cv2.convertMaps(*view.lens.maps((view.width, view.height), view.matrix), cv2.CV_16SC2)
             for name, view in self.views.items()
-            if view.distortion.any()
+            if not view.lens.is_straight
         }
         self._noise: dict[str, float] = {}
         """Each camera's noise, measured when the scene is searched."""

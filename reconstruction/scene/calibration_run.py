@@ -1,7 +1,8 @@
 """`reconstruct calibrate`: find and judge a session's calibration, and store it for session and rig."""
 
+from collections import Counter
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from itertools import combinations
 from pathlib import Path
@@ -19,7 +20,9 @@ from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.manifest import CALIBRATION, MANIFEST
 from capture_app.session.importing.calibrations import fit_calibration, read_views
 from reconstruction.common.geometry import View, angle_deg
+from reconstruction.scene.calibration.board_bundle import CameraErrors
 from reconstruction.scene.calibration.board_calibration import (
+    LensModel,
     calibrate_from_board,
     count_coverage,
     detect_board,
@@ -94,6 +97,8 @@ class CalibrateOptions:
     recordings: tuple[Path, ...] = ()
     lens_recordings: tuple[Path, ...] = ()
     """Sessions in which single cameras see the board, for their lenses."""
+    lens: LensModel = LensModel.AUTO
+    """For a board: the model of the lenses."""
     field_of_view_deg: float | None = None
     """Horizontal field of view, for structure from motion; None = from EXIF, else unknown."""
     distance: tuple[Marks, float] | None = None
@@ -133,6 +138,8 @@ class CalibrateResult(msgspec.Struct, frozen=True, kw_only=True):
     """Check for moved cameras; only for a calibration that was not computed here."""
     board: BoardCoverage | None = None
     """For a board: the image parts that it covered, and what would improve the calibration."""
+    errors: dict[str, CameraErrors] = {}
+    """For a board: the 95 % errors of each camera."""
     stored: bool
     kept: bool = False
     """Whether it was stored for the rig's later sessions."""
@@ -144,7 +151,7 @@ def calibrate(session: Path, options: CalibrateOptions) -> CalibrateResult:
     Raises:
         SimulshotError: the session cannot be read, has a calibration already, or none good enough is found.
     """
-    scene = Scene.open(session)
+    scene = Scene.open_raw(session)
     dataset = scene.dataset
     dataset.require_cameras(2, "a rig is two cameras or more that see the same")
     target = session / CALIBRATION
@@ -152,9 +159,15 @@ def calibrate(session: Path, options: CalibrateOptions) -> CalibrateResult:
     stores = not own or options.rescales
     if stores and target.exists() and not options.force:
         raise BadInputError(f"{session} has a calibration already", hint="--replace overwrites it")
-    calibration, shared, board, check = _candidate(scene, options)
-    views = calibrated_views(dataset, calibration)
-    quality = judge_calibration(views, shared)
+    found = _candidate(scene, options)
+    calibration, board, check = found.calibration, found.board, found.check
+    views, faults = sound_views(dataset, calibration)
+    refuse_faults(dataset, views, faults)
+    for name, text in faults:
+        talk(f"{name} is left out: {text}")
+    sound = {n: camera for n, camera in calibration.cameras.items() if n in views or n not in dataset.cameras}
+    calibration = msgspec.structs.replace(calibration, cameras=sound)
+    quality = judge_calibration(views, found.shared)
     if options.source in FOUND_HERE or own:
         refuse_bad_calibration(
             quality, len(dataset.cameras), f", {GIVE_LENSES}" if GUESS in calibration.source else ""
@@ -178,6 +191,7 @@ def calibrate(session: Path, options: CalibrateOptions) -> CalibrateResult:
         quality=quality,
         check=check,
         board=board,
+        errors={name: errors for name, errors in found.errors.items() if name in views},
         stored=stores,
         kept=keeps and _keep(dataset, calibration),
     )
@@ -189,33 +203,36 @@ def cover(session: Path, options: CalibrateOptions) -> BoardCoverage:
     Raises:
         SimulshotError: a session cannot be read, or is of other cameras.
     """
-    dataset = Scene.open(session).dataset
+    dataset = Scene.open_raw(session).dataset
     corners = detect_board(open_recordings(dataset, options.recordings), options.board)
     return count_coverage(dataset, options.board, corners)
 
 
-def _candidate(
-    scene: Scene, options: CalibrateOptions
-) -> tuple[Calibration, SharedPoints, BoardCoverage | None, CalibrationCheck | None]:
-    """Return a calibration, and pixels of points that pairs of cameras share, by which it is judged.
+@dataclass(frozen=True, kw_only=True)
+class _Candidate:
+    """A calibration, and the pixels of points that pairs of cameras share, by which it is judged."""
 
-    Also returns what a board covered, and for a calibration not computed here a check for moved cameras.
-    """
+    calibration: Calibration
+    shared: SharedPoints
+    board: BoardCoverage | None = None
+    errors: Mapping[str, CameraErrors] = field(default_factory=dict)
+    check: CalibrationCheck | None = None
+    """Check for moved cameras; only for a calibration that was not computed here."""
+
+
+def _candidate(scene: Scene, options: CalibrateOptions) -> _Candidate:
     match options.source:
         case CalibrationSource.BOARD | CalibrationSource.CHARUCO:
-            return *_from_board(scene.dataset, options), None
+            return _from_board(scene.dataset, options)
         case CalibrationSource.SFM:
             calibration = calibrate_from_images(scene.motion, options.field_of_view_deg)
             views = calibrated_views(scene.dataset, calibration)
-            return calibration, _still_points(scene.features.middle, views), None, None
+            return _Candidate(calibration=calibration, shared=_still_points(scene.features.middle, views))
         case _:
-            calibration, shared, check = _from_elsewhere(scene, options.source)
-            return calibration, shared, None, check
+            return _from_elsewhere(scene, options.source)
 
 
-def _from_board(
-    dataset: Dataset, options: CalibrateOptions
-) -> tuple[Calibration, SharedPoints, BoardCoverage]:
+def _from_board(dataset: Dataset, options: CalibrateOptions) -> _Candidate:
     """Calibrate from recordings of a board, or from the session itself; its corners judge the result."""
     board, recordings = options.board, open_recordings(dataset, options.recordings)
     if not (corners := detect_board(recordings, board)):
@@ -225,11 +242,13 @@ def _from_board(
             f"a checkerboard of {board.shape} squares looks the same upside down: it is taken to be held the "
             "same way up in all cameras' pictures (one with an odd and an even side can be held in any way)"
         )
-    lenses = lenses_of_recordings(dataset, board, _opened(options.lens_recordings))
-    return (
-        calibrate_from_board(recordings[0], board, corners, lenses),
-        shared_corners(corners),
-        count_coverage(dataset, board, corners),
+    lenses = lenses_of_recordings(dataset, board, _opened(options.lens_recordings), options.lens)
+    found = calibrate_from_board(recordings[0], board, corners, lenses, options.lens)
+    return _Candidate(
+        calibration=found.calibration,
+        errors=found.errors,
+        shared=shared_corners(corners),
+        board=count_coverage(dataset, board, corners),
     )
 
 
@@ -272,6 +291,7 @@ def _refuse_other_board(dataset: Dataset, board: Board) -> None:
     """Raise BadInputError if the images show another board, or this one with columns and rows exchanged."""
     turned = f"{board.down}x{board.across}"
     detector = BoardDetector(replace(board, across=board.down, down=board.across))
+    shapes: Counter[tuple[int, int]] = Counter()
     for name in dataset.cameras:
         for instant in evenly_spaced(dataset.instants(name), TRIED_IMAGES):
             grey = dataset.grey(name, instant)
@@ -280,16 +300,20 @@ def _refuse_other_board(dataset: Dataset, board: Board) -> None:
                     f"{name} shows a board of {turned} squares, not {board.shape}", hint=f"--board {turned}"
                 )
             if (seen := squares_seen(grey)) is not None:
-                alike = "it looks the same from all four sides: use one with more squares one way"
-                raise BadInputError(
-                    f"{name} shows a board without markers of {seen[0]}x{seen[1]} squares, not {board.shape}",
-                    hint=alike if seen[0] == seen[1] else f"--dictionary {PLAIN} --board {seen[0]}x{seen[1]}",
-                )
+                shapes[seen] += 1
+    if not shapes:
+        return
+    # A board that is partly hidden seems smaller: the shape of most images counts, of these the largest.
+    (across, down), times = max(shapes.items(), key=lambda one: (one[1], one[0][0] * one[0][1]))
+    alike = "it looks the same from all four sides: use one with more squares one way"
+    raise BadInputError(
+        f"{count(times, 'image')} of {dataset.name} show a board without markers of {across}x{down} squares, "
+        f"not {'one with markers' if board.shape == f'{across}x{down}' else board.shape}",
+        hint=alike if across == down else f"--dictionary {PLAIN} --board {across}x{down}",
+    )
 
 
-def _from_elsewhere(
-    scene: Scene, source: CalibrationSource | Path
-) -> tuple[Calibration, SharedPoints, CalibrationCheck]:
+def _from_elsewhere(scene: Scene, source: CalibrationSource | Path) -> _Candidate:
     """Load a calibration of the session, its rig or another session, and check it against static points."""
     dataset = scene.dataset
     if source is CalibrationSource.SESSION:
@@ -308,7 +332,8 @@ def _from_elsewhere(
     features, (views, faults) = scene.features.middle, sound_views(dataset, calibration)
     # A calibration that is judged, and may be stored, must have no fault at all.
     refuse_faults(dataset, (), faults)
-    return calibration, _still_points(features, views), check_rig(views, features)
+    shared = _still_points(features, views)
+    return _Candidate(calibration=calibration, shared=shared, check=check_rig(views, features))
 
 
 def read_calibration(dataset: Dataset, path: Path) -> Calibration:
@@ -324,8 +349,11 @@ def read_calibration(dataset: Dataset, path: Path) -> Calibration:
     if (calibration := other.session.calibration()) is None:
         raise BadInputError(f"{path} has no calibration to give", hint="reconstruct calibrate it first")
     ours, theirs = camera_modes(dataset), camera_modes(other)
+    # Imports know no modes: of images and videos of one size, the background decides whether they are alike.
+    imported = any(one.session.manifest.origin == "imported" for one in (dataset, other))
     for name in ours.keys() & theirs.keys():
-        if ours[name] != theirs[name]:
+        alike = imported and dataset.size_on_disk(name) == other.size_on_disk(name)
+        if not alike and ours[name] != theirs[name]:
             what = ", ".join(
                 f"{mode.model} {mode.width}x{mode.height} in {where.name}"
                 for where, mode in ((dataset, ours[name]), (other, theirs[name]))
@@ -357,7 +385,7 @@ def open_recordings(dataset: Dataset, paths: tuple[Path, ...]) -> list[Dataset]:
 
 
 def _opened(paths: Iterable[Path]) -> list[Dataset]:
-    return [Scene.open(path).dataset for path in paths]
+    return [Scene.open_raw(path).dataset for path in paths]
 
 
 def _still_points(features: Mapping[str, Features], views: Mapping[str, View]) -> SharedPoints:

@@ -14,8 +14,12 @@ import numpy as np
 from capture_app.common.camera_facts import unshared_uncertainties_ns
 from capture_app.common.errors import BadInputError, IncompleteError, NotApplicableError, reading
 from capture_app.common.instants import is_same_instant
+from capture_app.console.terminal import talk
+from capture_app.session.exporting.pinhole import straight_lens, unused_part
 from capture_app.session.files.untrusted_files import RESTORE_IMAGE
-from capture_app.session.format.calibration import Calibration
+from capture_app.session.format.calibration import Calibration, CameraCalibration
+from capture_app.session.format.calibration_judge import camera_fault
+from capture_app.session.format.lens import Lens, distortion_of
 from capture_app.session.format.manifest import FrameRecord, ImageRecord
 from capture_app.session.reading.reader import Session
 from reconstruction.common.geometry import Array
@@ -94,7 +98,35 @@ class Dataset:
         own_records = [record for record in manifest.images if not record.substitute]
         self._records = shift_times(own_records, self.time_shifts_ms, self.instants_ns, self.period_ns)
         self._scale = 1.0
+        self._fisheyes: dict[str, CameraCalibration] = {}
         self._read = self._image_cache()
+
+    def straightened(self, calibration: Calibration) -> Self:
+        """Return the dataset with fisheyes' images, and their ground truth, redrawn for a perspective lens.
+
+        Its pose is the fisheye's, its size too; see `straight_lens`. What is not used of the images is said.
+        """
+        fisheyes = {
+            name: lens
+            for name, lens in calibration.cameras.items()
+            if lens.is_fisheye and name in self.cameras and not camera_fault(lens)
+        }
+        if not fisheyes:
+            return self
+        straight = copy(self)
+        straight._fisheyes = fisheyes
+        straight._read = straight._image_cache()
+        for name, lens in fisheyes.items():
+            talk(f"{name} is a fisheye: the outer {100 * unused_part(lens):.0f} % of its picture is not used")
+        return straight
+
+    def straight_calibration(self, calibration: Calibration) -> Calibration:
+        """Return a calibration for the images as `straightened` has them."""
+        cameras = {
+            name: straight_lens(lens) if name in self._fisheyes and lens.is_fisheye else lens
+            for name, lens in calibration.cameras.items()
+        }
+        return msgspec.structs.replace(calibration, cameras=cameras)
 
     @classmethod
     def open(cls, path: Path, shifts_ms: Mapping[str, float] | None = None) -> Self:
@@ -193,8 +225,21 @@ class Dataset:
         """
         return self._read(camera, instant)
 
+    def _straighten(self, camera: str, image: Array, how: int) -> Array:
+        """Return an image of a fisheye as its perspective lens sees it, and any other camera's unchanged."""
+        if (fisheye := self._fisheyes.get(camera)) is None:
+            return image
+        (width, height), straight = self.size(camera), straight_lens(fisheye)
+        lens = Lens(fisheye.matrix(width, height), distortion_of(fisheye), True)
+        return np.asarray(cv2.remap(image, *lens.maps((width, height), straight.matrix(width, height)), how))
+
     def image_bytes(self, camera: str, instant: int) -> bytes:
-        """Return the bytes of an image's file. Raises OSError if it cannot be read."""
+        """Return the bytes of an image's file, of a fisheye a PNG of what is redrawn.
+
+        Raises OSError if it cannot be read.
+        """
+        if camera in self._fisheyes:
+            return cv2.imencode(".png", self.image(camera, instant))[1].tobytes()
         return self.session.image_bytes(self._records[camera, instant])
 
     def checked_bytes(self, camera: str, instant: int) -> bytes:
@@ -228,7 +273,7 @@ class Dataset:
         """
         record = self._records.get((camera, instant))
         truth = self.session.read_ground_truth(camera, record.instant) if record is not None else None
-        if truth is None or self._scale == 1.0:
+        if truth is None or (self._scale == 1.0 and camera not in self._fisheyes):
             return truth
         size, how = self.size(camera), cv2.INTER_NEAREST_EXACT
         try:
@@ -238,7 +283,8 @@ class Dataset:
                 f"{self.ground_truth_file(camera, instant)} is not a ground-truth file: {error}",
                 hint="restore it from a copy, or delete it: only scores need it",
             ) from error
-        return np.asarray(depth), np.asarray(moving) > 0
+        depth, moving = (self._straighten(camera, np.asarray(a), cv2.INTER_NEAREST) for a in (depth, moving))
+        return depth, moving > 0
 
     def ground_truth_file(self, camera: str, instant: int) -> Path | None:
         """Return the path of an image's ground truth, under its saved instant; None if there is none."""
@@ -390,4 +436,4 @@ class Dataset:
                 f"{path} is {on_disk[0]}x{on_disk[1]}, but {camera} is {size[0]}x{size[1]}",
                 hint="restore the image from a copy, or import the recording again",
             )
-        return image
+        return self._straighten(camera, image, cv2.INTER_LINEAR)

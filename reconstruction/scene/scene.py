@@ -12,7 +12,7 @@ from capture_app.common.errors import BadInputError, NotAvailableError
 from capture_app.session.format.calibration import Calibration
 from reconstruction.common.geometry import View
 from reconstruction.scene.calibration.soundness import calibrated_views
-from reconstruction.scene.calibration.stored import choose_calibration
+from reconstruction.scene.calibration.stored import choose_calibration, known_calibration
 from reconstruction.scene.calibration.structure_from_motion import guess_calibration
 from reconstruction.scene.dataset import Dataset
 from reconstruction.scene.features_at_rest import SceneFeatures
@@ -51,12 +51,19 @@ class Scene:
 
     @classmethod
     def open(cls, folder: Path, shifts_ms: Mapping[str, float] | None = None) -> Self:
-        """Open a session's folder; `shifts_ms` is as in `Dataset`.
+        """Open a session's folder; `shifts_ms` is as in `Dataset`. Images of fisheyes are redrawn straight.
 
         Raises:
             SimulshotError: the session or its images cannot be used.
         """
-        return cls(Dataset.open(folder, shifts_ms))
+        dataset = Dataset.open(folder, shifts_ms)
+        known = known_calibration(dataset)
+        return cls(dataset if known is None else dataset.straightened(known))
+
+    @classmethod
+    def open_raw(cls, folder: Path) -> Self:
+        """Open a session's folder with all images as they were taken, to calibrate it; raises as `open`."""
+        return cls(Dataset.open(folder))
 
     @property
     def given(self) -> Calibration | None:

@@ -11,7 +11,7 @@ from capture_app.common.text import count, megabytes
 from capture_app.net.channel import MAX_PAYLOAD_BYTES
 from capture_app.protocol.messages import ImageUpload
 from capture_app.session.format.burst_plan import BurstPlan, CameraPlan, InstantRange
-from capture_app.session.format.calibration import check_lens
+from capture_app.session.format.calibration_judge import check_lens
 from capture_app.session.format.manifest import (
     AbsentCamera,
     BurstRecord,

@@ -117,6 +117,7 @@ def _add_notes(burst: ExportedBurst, together: list[int], min_shown: float) -> N
 
 
 EXPORTER = Exporter(
+    fisheyes=True,
     write=write,
     help="Neural 3D Video, 4DGaussians: camNN.mp4, poses, points",
     program="N3DV",

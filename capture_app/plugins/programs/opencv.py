@@ -12,7 +12,7 @@ from capture_app.session.files.untrusted_files import read_arrays
 from capture_app.session.format.lens import Array
 from capture_app.session.importing.importer import Importer
 from capture_app.session.importing.opencv_storage import read_storage
-from capture_app.session.importing.views import FLATTEN, View, Views, numbers, rotation_of
+from capture_app.session.importing.views import View, Views, numbers, root_of, rotation_of
 
 _MATRIX = ("mtx", "k", "m", "camera_matrix", "cameramatrix", "intrinsic_matrix", "intrinsic", "intrinsics")
 _MATRIX_NAMES = frozenset(_MATRIX)
@@ -22,6 +22,8 @@ _SIDES = (("1", "2"), ("0", "1"), ("l", "r"), ("left", "right"))
 """How the first and the second camera's keys end, such as M1 and M2, mtxL and mtxR, K_left and K_right."""
 _FISHEYES = ("equidistant", "fisheye")
 _SIZE_KEYS = ("image_width", "image_height")
+_FISHEYE_KEY = "is fisheye"
+"""Our own name for what the file says of the model."""
 _SUFFIXES = (".npz", ".yml", ".yaml", ".xml")
 
 Content = Mapping[str, Array]
@@ -38,6 +40,8 @@ def read_calibration(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) 
     """
     first = paths[0][1]
     if not first.is_dir() and first.suffix.lower() not in _SUFFIXES:
+        return None
+    if first.suffix.lower() == ".xml" and root_of(first) not in ("", "opencv_storage"):
         return None
     own, rest = _assign(paths, cameras)
     contents = {name: _load(path) for name, path in own.items()}
@@ -116,9 +120,8 @@ def _load(path: Path) -> Content:
             "COLMAP, nerfstudio, ...",
         )
     values = read_arrays(path) if path.suffix.lower() == ".npz" else read_storage(path)
-    if values.get("fisheye_model") or str(values.get("distortion_model", "")) in _FISHEYES:
-        raise BadInputError(f"{path} is of a fisheye lens; only perspective ones are supported", hint=FLATTEN)
-    return {
+    is_fisheye = values.get("fisheye_model") or str(values.get("distortion_model", "")) in _FISHEYES
+    return ({_FISHEYE_KEY: np.ones(1)} if is_fisheye else {}) | {
         key.lower(): np.atleast_1d(np.asarray(value, np.float64))
         for key, value in values.items()
         if isinstance(value, int | float) or (isinstance(value, np.ndarray) and value.dtype.kind in "biuf")
@@ -140,7 +143,7 @@ def _split_pair(
             hint="give one file a camera, each with its R and T",
         )
     poses = (_IDENTITY, {"r": rotation, "t": translation})
-    sizes = {key: content[key] for key in _SIZE_KEYS if key in content}
+    sizes = {key: content[key] for key in (*_SIZE_KEYS, _FISHEYE_KEY) if key in content}
     lenses = [[_lens(content, side) for side in sides] for sides in _SIDES]
     both = next((pair for pair in lenses if all(_MATRIX_NAMES & lens.keys() for lens in pair)), lenses[0])
     # Left before Right, whatever their letter case.
@@ -178,10 +181,11 @@ def _view(where: str, content: Content) -> View:
     size = [int(numbers(where, content, key, 1)[0]) for key in _SIZE_KEYS if key in content]
     return View(
         matrix=matrix,
-        distortion=np.zeros(5) if distortion is None else distortion.ravel(),
+        distortion=np.zeros(4) if distortion is None else distortion.ravel(),
         rotation=rotation_of(rotation.ravel()),
         translation=translation.ravel(),
         size=(size[0], size[1]) if len(size) == 2 else None,
+        is_fisheye=_FISHEYE_KEY in content,
     )
 
 

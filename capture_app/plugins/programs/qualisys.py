@@ -14,7 +14,7 @@ from capture_app.common.errors import BadInputError
 from capture_app.session.files.untrusted_files import rejecting
 from capture_app.session.format.lens import Array
 from capture_app.session.importing.importer import Importer
-from capture_app.session.importing.views import EXPORT_AGAIN, View, Views, numbers
+from capture_app.session.importing.views import EXPORT_AGAIN, View, Views, numbers, root_of
 
 _SUBPIXELS = 64.0
 _OPENCV_FROM_QUALISYS = np.diag([1.0, -1.0, -1.0])
@@ -68,8 +68,8 @@ def _attributes(where: str, camera: ET.Element, tag: str, *keys: str) -> Array:
 def _is_qualisys(path: Path) -> bool:
     if path.is_dir() or path.suffix.lower() not in (".txt", ".xml"):
         return False
-    with path.open("rb") as file:
-        return b"<calibration" in file.read(4096)
+    # Metashape's document has an element of this name too.
+    return root_of(path) == "calibration"
 
 
 IMPORTER = Importer(

@@ -88,7 +88,7 @@ def camera_table(calibration: Calibration, name: str, unit: str) -> dict[str, ob
         "distortions": distortion_of(camera).tolist(),
         "rotation": rodrigues(rotation_of(camera)),
         "translation": [float(value) * factor for value in camera.translation],
-        "fisheye": False,
+        "fisheye": camera.is_fisheye,
     }
 
 

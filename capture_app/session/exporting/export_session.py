@@ -22,7 +22,8 @@ from capture_app.session.exporting.exporter import (
 )
 from capture_app.session.files.output_folder import OutputFolder, replaces_nothing
 from capture_app.session.files.untrusted_files import encode_checked, indented
-from capture_app.session.format.calibration import METRES, Calibration, check_lens
+from capture_app.session.format.calibration import METRES, Calibration
+from capture_app.session.format.calibration_judge import check_lens
 from capture_app.session.format.export_record import RECORD, ExportRecord, with_images_listed
 from capture_app.session.format.manifest import CALIBRATION
 from capture_app.session.reading.reader import Session
@@ -127,6 +128,11 @@ def _check_calibration(exporter: Exporter, burst: ExportedBurst, calibration: Ca
                 hint=f"reconstruct calibrate {burst.session.folder}",
             )
         check_lens(where, lens)
+        if lens.is_fisheye and not exporter.fisheyes:
+            raise BadInputError(
+                f"{where} is a fisheye, which the export to {exporter.program} cannot have",
+                hint="export to splats, which redraws the images, or to colmap or nerfstudio",
+            )
     if exporter.unit and calibration.unit not in METRES:
         burst.notes.append(
             f"the calibration is in {calibration.unit!r}; it is written as if that were {exporter.unit}"

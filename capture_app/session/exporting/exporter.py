@@ -55,6 +55,8 @@ class Exporter:
     """Whether `burst.calibration` is read. It is checked before `write` is called."""
     uncalibrated: str = ""
     """Note for the user if an optional calibration is missing."""
+    fisheyes: bool = False
+    """Whether it can have fisheyes, as they are or redrawn for perspective lenses."""
     unit: str = ""
     """The program's unit of length; the user gets a note if the calibration's unit is not a length."""
     one_instant: bool = False

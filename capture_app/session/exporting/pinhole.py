@@ -1,21 +1,24 @@
 """Pinhole lenses for programs that know no other: centred, undistorted, and filled by the camera's image."""
 
+import math
 from collections.abc import Mapping
 
 import numpy as np
-from msgspec import structs
+from msgspec import UNSET, structs
 
 from capture_app.common.errors import BadInputError
 from capture_app.session.format.calibration import CameraCalibration
 from capture_app.session.format.lens import (
     Array,
     centre_of,
-    distortion_of,
+    lens_of,
     nearest_point,
     project_rays,
     rotation_of,
 )
 
+STRAIGHT_DEG = 100.0
+"""Largest field of view, along the longer side, for which a fisheye's images are redrawn."""
 _NARROWER = 0.99
 """Step factor in the search for a field of view."""
 
@@ -23,7 +26,7 @@ _NARROWER = 0.99
 def centred_pinhole(camera: CameraCalibration, width: int, height: int, focal: float) -> CameraCalibration:
     """Return a camera at the same pose with `focal` px, no distortion and a centred principal point."""
     lens = {"fx": focal, "fy": focal, "cx": (width - 1) / 2, "cy": (height - 1) / 2}
-    return structs.replace(camera, width=width, height=height, distortion=(0.0,) * 5, **lens)
+    return structs.replace(camera, width=width, height=height, distortion=(0.0,) * 5, model=UNSET, **lens)
 
 
 def nearest_pinhole(camera: CameraCalibration) -> CameraCalibration:
@@ -32,7 +35,7 @@ def nearest_pinhole(camera: CameraCalibration) -> CameraCalibration:
     Without distortion the image is only cropped, by whole pixels, until the principal point is within 0.25
     px of the middle.
     """
-    if distortion_of(camera).any():
+    if not lens_of(camera).is_straight:
         size = camera.width, camera.height
         return centred_pinhole(camera, *size, min_focal(camera, *size))
     left, width = _centred_span(camera.cx, camera.width)
@@ -53,12 +56,32 @@ def common_pinhole(
     smallest = min(camera.width for camera in ours.values()), min(camera.height for camera in ours.values())
     width, height = size or smallest
     lenses = {(camera.width, camera.height, camera.fx, camera.fy) for camera in ours.values()}
-    drawn = any(distortion_of(camera).any() for camera in cameras.values())
+    drawn = not all(lens_of(camera).is_straight for camera in cameras.values())
     focal = next(iter(lenses))[2]
     if not drawn and lenses == {(width, height, focal, focal)}:
         return ours
     focal = max(min_focal(camera, width, height) for camera in cameras.values())
     return {name: centred_pinhole(camera, width, height, focal) for name, camera in cameras.items()}
+
+
+def straight_lens(fisheye: CameraCalibration) -> CameraCalibration:
+    """Return the perspective lens for which a fisheye's images are redrawn, at most `STRAIGHT_DEG` wide.
+
+    It has the fisheye's size. Its field, along the longer side, is smaller if the image does not fill it.
+    """
+    size = fisheye.width, fisheye.height
+    widest = max(size) / 2 / math.tan(math.radians(STRAIGHT_DEG) / 2)
+    return centred_pinhole(fisheye, *size, max(widest, min_focal(fisheye, *size)))
+
+
+def unused_part(fisheye: CameraCalibration) -> float:
+    """Return the fraction of a fisheye's pixels that `straight_lens` does not see."""
+    lens, straight = lens_of(fisheye), lens_of(straight_lens(fisheye))
+    size = np.array([fisheye.width, fisheye.height])
+    across, down = np.meshgrid(*(np.linspace(0, side - 1, 60) for side in size))
+    pixels = np.column_stack([across.ravel(), down.ravel()])
+    seen = straight.project(lens.rays(pixels))
+    return 1 - float((lens.known(pixels) & (seen >= -0.5).all(1) & (seen <= size - 0.5).all(1)).mean())
 
 
 def min_focal(camera: CameraCalibration, width: int, height: int) -> float:

@@ -15,14 +15,14 @@ from capture_app.session.format.calibration import (
     Calibration,
     CameraCalibration,
     Matrix3,
-    check_lens,
 )
+from capture_app.session.format.calibration_judge import check_lens, rig_faults
 from capture_app.session.format.camera_labels import describe_pairs, pair_labels
 from capture_app.session.format.export_record import ExportRecord
-from capture_app.session.format.lens import Array
+from capture_app.session.format.lens import Array, distortion_of
 from capture_app.session.importing.importer import load_importers, split_name
 from capture_app.session.importing.recording_sources import Layout
-from capture_app.session.importing.views import EXPORT_AGAIN, View, Views
+from capture_app.session.importing.views import EXPORT_AGAIN, View, Views, root_of
 
 Fit = Literal["exact", "crop", "scale"]
 """What to do if images do not have the size at which their camera was calibrated.
@@ -57,8 +57,9 @@ def read_views(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) -> Vie
             if len(paths) > 1 and not importer.calibration_per_camera:
                 raise BadInputError(f"{first} holds all cameras", hint="give that one only")
             return views
+    root = f" (its root is <{name}>)" if (name := root_of(first)) else ""
     raise BadInputError(
-        f"{first} is not a calibration of a known format",
+        f"{first} is not a calibration of a known format{root}",
         hint="capture-app sessions import --help lists the formats",
     )
 
@@ -96,7 +97,13 @@ def fit_calibration(
         )
         for name, size in sizes.items()
     }
-    return Calibration(cameras=cameras, unit="m" if given in METRES else given, source=views.source)
+    given = "m" if given in METRES else given
+    for name, why in rig_faults(cameras, given):
+        if not name or len(cameras) <= 2:
+            raise BadInputError(f"{views.source}: {why}", hint="state the unit of its lengths: --unit mm")
+        talk(f"{name} is left out of the calibration: {why}")
+        del cameras[name]
+    return Calibration(cameras=cameras, unit=given, source=views.source)
 
 
 def _camera(where: str, view: View, size: tuple[int, int], metres: float, fit: Fit) -> CameraCalibration:
@@ -113,8 +120,8 @@ def _camera(where: str, view: View, size: tuple[int, int], metres: float, fit: F
         rotation=_rows(view.rotation),
         translation=(*(view.translation.ravel() * metres).tolist(),),
         distortion=(*view.distortion.ravel().tolist(),),
+        model="fisheye" if view.is_fisheye else msgspec.UNSET,
     )
-    check_lens(where, camera)
     if abs(skew) > 0.01:
         raise BadInputError(
             f"{where} has a skew of {skew:.3g} pixels; only a skew of 0 is supported",
@@ -123,15 +130,13 @@ def _camera(where: str, view: View, size: tuple[int, int], metres: float, fit: F
     if abs(view.matrix[2] - [0, 0, 1]).max() > 1e-6:
         raise BadInputError(f"{where} has no camera matrix: its last row is not 0, 0, 1", hint=EXPORT_AGAIN)
     x, y = _factors(where, view, size, fit)
+    camera = msgspec.structs.replace(
+        camera, fx=fx * x, fy=fy * y, cx=(cx + 0.5) * x - 0.5, cy=(cy + 0.5) * y - 0.5
+    )
+    check_lens(where, camera)
     left, _, right = np.linalg.svd(view.rotation)
     return msgspec.structs.replace(
-        camera,
-        fx=fx * x,
-        fy=fy * y,
-        cx=(cx + 0.5) * x - 0.5,
-        cy=(cy + 0.5) * y - 0.5,
-        rotation=_rows(left @ right),
-        distortion=(*camera.distortion, *[0.0] * 5)[:5],
+        camera, rotation=_rows(left @ right), distortion=(*distortion_of(camera).tolist(),)
     )
 
 

@@ -1,6 +1,7 @@
 """Format-independent cameras of a calibration file, matched to a rig by name or by image path."""
 
 import math
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
@@ -35,6 +36,8 @@ class View:
     size: tuple[int, int] | None = None
     turned: str = ""
     """What the file says of images that are turned after the lens was calibrated; empty if nothing."""
+    is_fisheye: bool = False
+    """Whether `distortion` is k1 to k4 of OpenCV's fisheye model."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,6 +57,17 @@ def read_json(path: Path) -> Any:
         return None
     with rejecting(f"{path} is not JSON", *UNREADABLE, hint=EXPORT_AGAIN):
         return msgspec.json.decode(read_text(path))
+
+
+def root_of(path: Path) -> str:
+    """Return the name of an XML file's first element; empty for any other file."""
+    if path.is_dir():
+        return ""
+    with path.open("rb") as file:
+        begin = file.read(4096)
+    # Declarations and comments begin with ? and !.
+    first = re.search(rb"<([A-Za-z_][\w.:-]*)", re.sub(rb"<!--.*?-->", b"", begin, flags=re.DOTALL))
+    return first[1].decode() if first and begin.lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"<") else ""
 
 
 def numbers(
@@ -140,6 +154,7 @@ def _same_view(one: View, other: View, extent: float) -> bool:
     """Return whether two views have one pose and lens; `extent` is the rig's, in the translations' unit."""
     return (
         one.size == other.size
+        and one.is_fisheye == other.is_fisheye
         and np.array_equal(one.matrix, other.matrix)
         and np.array_equal(one.distortion, other.distortion)
         and bool(np.abs(one.rotation - other.rotation).max() <= SAME_ROTATION)

@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from capture_app.common.errors import BadInputError, IncompleteError, reading
 from capture_app.session.files.untrusted_files import RESTORE_IMAGE, read_input
-from capture_app.session.format.lens import triangulate_rays, undistort_pixels
+from capture_app.session.format.lens import Lens, distortion_of, triangulate_rays
 from capture_app.session.format.manifest import EVENTS, CameraRecord, ImageRecord
 from capture_app.session.format.marks import Mark, marks_of
 from capture_app.session.reading.decoding import decode_image
@@ -170,36 +170,41 @@ class CameraMatrices:
     camera_matrix: Numbers
     """3 x 3, in px of the stored images."""
     distortion: Numbers
-    """k1, k2, p1, p2, k3."""
+    """k1, k2, p1, p2, k3; of a fisheye k1, k2, k3, k4."""
     cam_from_rig: Numbers
     """4 x 4: transforms a point from the rig's frame to the camera's, in `unit`."""
     unit: str
     """m, or arbitrary."""
+    is_fisheye: bool = False
+
+    @property
+    def lens(self) -> Lens:
+        """The lens: one way from pixels to rays and back for both models."""
+        return Lens(self.camera_matrix, self.distortion, self.is_fisheye)
 
     def project(self, points: npt.ArrayLike) -> Numbers:
         """Return the pixels (... x 2) of points (... x 3) in the rig's frame.
 
         They are NaN behind the camera: sum them up by `np.nanmedian` and its like.
         """
-        import cv2  # slow to import; only this method and `undistort` need it
-
         points = np.asarray(points, np.float64)
         seen = points @ self.cam_from_rig[:3, :3].T + self.cam_from_rig[:3, 3]
         if not seen.size:
             return np.zeros((*points.shape[:-1], 2))  # OpenCV returns nothing then
-        still = np.zeros(3)
-        pixels, _ = cv2.projectPoints(seen.reshape(-1, 3), still, still, self.camera_matrix, self.distortion)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            pixels = self.lens.project((seen[..., :2] / seen[..., 2:]).reshape(-1, 2))
         return np.where(seen[..., 2:] > 0, pixels.reshape(*points.shape[:-1], 2), np.nan)
 
     def undistort(self, image: Pixels) -> Pixels:
         """Return the image without lens distortion, with the same camera matrix and size."""
         import cv2
 
-        return np.asarray(cv2.undistort(image, self.camera_matrix, self.distortion), np.uint8)
+        maps = self.lens.maps((image.shape[1], image.shape[0]), self.camera_matrix)
+        return np.asarray(cv2.remap(image, *maps, cv2.INTER_LINEAR), np.uint8)
 
     def undistort_points(self, pixels: npt.ArrayLike) -> Numbers:
         """Return pixels (n x 2) as x / z and y / z (n x 2) in the camera's frame."""
-        return undistort_pixels(pixels, self.camera_matrix, self.distortion)
+        return self.lens.rays(pixels)
 
 
 @dataclass(frozen=True, repr=False)
@@ -367,11 +372,12 @@ class OpenSession(Session):
         truth = rig.cameras[camera.name]
         return CameraMatrices(
             camera_matrix=truth.matrix(camera.facts.width, camera.facts.height),
-            distortion=np.array(truth.distortion[:5]),
+            distortion=distortion_of(truth),
             cam_from_rig=np.vstack(
                 [np.column_stack([truth.rotation, truth.translation]), [0.0, 0.0, 0.0, 1.0]]
             ),
             unit=rig.unit,
+            is_fisheye=truth.is_fisheye,
         )
 
 

@@ -46,7 +46,7 @@ class InputImage:
     @property
     def outside(self) -> Array:
         """The undistorted pixels (bool) that the original image does not contain, and those at its edge."""
-        if not self.view.distortion.any():
+        if self.view.lens.is_straight:
             return np.zeros(self.colours.shape[:2], bool)
         there = undistort_nearest(self.view, np.ones(self.colours.shape[:2], np.uint8))
         # The edge of what is filled with black is no edge of an object.
@@ -56,10 +56,9 @@ class InputImage:
 
 def undistort_nearest(view: View, image: Array) -> Array:
     """Undistort an image of a view's pixels by nearest neighbour."""
-    if not view.distortion.any():
+    if view.lens.is_straight:
         return image
-    lens = view.matrix, view.distortion, None, view.matrix
-    maps = cv2.initUndistortRectifyMap(*lens, (view.width, view.height), cv2.CV_32FC1)
+    maps = view.lens.maps((view.width, view.height), view.matrix)
     return np.asarray(cv2.remap(image, *maps, cv2.INTER_NEAREST))
 
 

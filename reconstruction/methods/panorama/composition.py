@@ -81,7 +81,7 @@ class Projection:
         flat = _flat_view(view)
         _, xs, ys = self._warper.buildMaps((flat.width, flat.height), *_for_warper(flat))
         at = np.dstack([np.asarray(xs), np.asarray(ys)])
-        if not view.distortion.any():
+        if view.lens.is_straight:
             return at
         inside = _inside(at, flat)
         normalized = (at[inside] - flat.matrix[:2, 2]) / (flat.matrix[0, 0], flat.matrix[1, 1])
@@ -106,7 +106,7 @@ def _steepest(view: View) -> float:
 
 def _flat_view(view: View) -> View:
     """Return the view without distortion, large enough to contain the whole image."""
-    if not view.distortion.any():
+    if view.lens.is_straight:
         return view
     focal = np.array([view.matrix[0, 0], view.matrix[1, 1]])
     edge = view.rays(view.border())[:, :2] * focal
@@ -115,7 +115,7 @@ def _flat_view(view: View) -> View:
     width, height = (int(n) for n in np.ceil(high - low) + 1)
     matrix = np.diag([*focal, 1.0])
     matrix[:2, 2] = -low
-    return replace(view, width=width, height=height, matrix=matrix, distortion=np.zeros(5))
+    return replace(view, width=width, height=height, matrix=matrix, distortion=np.zeros(5), is_fisheye=False)
 
 
 def _for_warper(view: View) -> tuple[Array, Array]:

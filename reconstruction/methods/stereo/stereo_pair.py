@@ -11,6 +11,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
+from capture_app.session.format.lens import OUTSIDE
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.image_matching import gain_and_bias_of_shades, match_brightness, noise_level
 from reconstruction.common.memory import memory_budget
@@ -156,14 +157,7 @@ class Rectification:
         """Each view's pixel for each canvas pixel (x, y: float32), and the covered pixels (bool)."""
         votes_found = []
         for other, (view, rotation) in enumerate(zip(self.views, self.rotations, strict=True)):
-            xs, ys = cv2.initUndistortRectifyMap(
-                view.matrix,
-                view.distortion,
-                rotation,
-                self._projection,
-                (self.width, self.height),
-                cv2.CV_32FC1,
-            )
+            xs, ys = view.lens.maps((self.width, self.height), self._projection, rotation)
             outline = self.project(view.rays(view.border()), other=bool(other))
             seen = np.zeros((self.height, self.width), np.uint8)
             cv2.fillPoly(seen, [np.round(outline).astype(np.int32)], 1)
@@ -182,6 +176,7 @@ class Rectification:
             P=self._projection,
         )
         xs, ys = np.ascontiguousarray(where.reshape(view.height, view.width, 2).transpose(2, 0, 1))
+        xs[~view.lens.known(view.grid()).reshape(xs.shape)] = OUTSIDE
         # With z = 1 on the canvas, the ray's z in the view's own frame is linear in the canvas's pixels.
         right, down, ahead = map(float, rotation[:, 2] / (self._projection[0, 0], self.focal, 1.0))
         own = right * (xs + np.float32(self.left)) + down * (ys + np.float32(self.top)) + ahead

@@ -1,12 +1,13 @@
 """Calibration from a board: each lens (Zhang 2000), the rig pair by pair, then a joint bundle adjustment.
 
 The pairwise stage accumulates errors along the rig, and each lens uses only its own images. The bundle
-adjustment therefore uses all corners. It is Levenberg-Marquardt on a Huber loss (Triggs et al., Bundle
-Adjustment - A Modern Synthesis, 2000), with OpenCV's derivatives. The errors of OpenCV 5's own
-`calibrateMultiview` were 3 to 100 times larger on the same simulated boards once corners were misread.
+adjustment therefore uses all corners.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from enum import StrEnum
 from itertools import accumulate, combinations
 
 import cv2
@@ -17,32 +18,51 @@ from capture_app.board.coverage import BoardCoverage, CoverageCount
 from capture_app.board.detector import Board, BoardDetector, Corners
 from capture_app.common.errors import BadInputError
 from capture_app.common.text import count
+from capture_app.console.terminal import talk
 from capture_app.session.format.calibration import Calibration
+from capture_app.session.format.lens import Lens
 from reconstruction.common.geometry import Array, View
+from reconstruction.scene.calibration.board_bundle import (
+    SIMPLE,
+    Adjustment,
+    CameraErrors,
+    Sightings,
+    adjust_bundle,
+    board_pose,
+)
 from reconstruction.scene.conditions import evenly_spaced
 from reconstruction.scene.dataset import Dataset
 
 MIN_BOARDS = 4
 MAX_BOARDS = 40
 
-Lens = tuple[Array, Array]
-"""The camera matrix 3x3 in px and OpenCV's distortion (5,)."""
-HUBER_PX = 1.0
-"""Residual beyond which a corner counts less and less: it was probably misread."""
-MAX_STEPS = 30
-ENOUGH = 1e-5
-"""Relative decrease of the loss below which the adjustment stops."""
-LENS = 6
-"""Number of lens parameters, fx, fy, cx, cy, k1, k2.
-
-Few boards, or boards at one angle, do not determine the higher terms."""
-CAMERA = LENS + 6
-"""Number of a camera's parameters: its lens, rotation vector and translation."""
 BUNDLE_MOMENTS_EACH, BUNDLE_MOMENTS = 20, 150
 """Maximum moments of each camera and pair, and in total, in the adjustment; its time is cubic in them."""
 
 
-def calibrate_lens(name: str, size: tuple[int, int], board: Board, seen: Sequence[Corners]) -> Lens:
+FISHEYE_PX = 0.4
+"""RMS residual of the perspective model above which the fisheye model is tried."""
+CLEARLY_LESS = 0.75
+"""Maximum residual of the fisheye model, relative to the perspective one's, for a lens to be a fisheye."""
+FISHEYE_DEG = (100.0, 135.0, 170.0)
+"""Fields of view along the longer side from which the fisheye model is fitted."""
+
+
+class LensModel(StrEnum):
+    """The lens model to fit: perspective unless its residuals demand a fisheye, or the one that is given."""
+
+    AUTO = "auto"
+    PERSPECTIVE = "perspective"
+    FISHEYE = "fisheye"
+
+
+def calibrate_lens(
+    name: str,
+    size: tuple[int, int],
+    board: Board,
+    seen: Sequence[Corners],
+    model: LensModel = LensModel.AUTO,
+) -> Lens:
     """Calibrate the lens of a camera of this size (px) from the board's corners in its images.
 
     Raises:
@@ -56,13 +76,60 @@ def calibrate_lens(name: str, size: tuple[int, int], board: Board, seen: Sequenc
     seen = evenly_spaced(seen, MAX_BOARDS)
     points = [board.places[sorted(corners)] for corners in seen]
     pixels = [_pixels(corners, sorted(corners)) for corners in seen]
-    _, matrix, distortion, _, _ = cv2.calibrateCamera(
-        points, pixels, size, np.eye(3), np.zeros(5), flags=cv2.CALIB_FIX_K3 | cv2.CALIB_ZERO_TANGENT_DIST
-    )
-    return np.asarray(matrix), np.asarray(distortion).ravel()[:5]
+    plain, error_px = None, np.inf
+    if model is not LensModel.FISHEYE:
+        start = np.eye(3), np.zeros(5)
+        with suppress(cv2.error):
+            error_px, matrix, distortion, _, _ = cv2.calibrateCamera(
+                points, pixels, size, *start, flags=cv2.CALIB_FIX_K3 | cv2.CALIB_ZERO_TANGENT_DIST
+            )
+            plain = Lens(np.asarray(matrix), np.asarray(distortion).ravel()[:5])
+        if plain is not None and (error_px <= FISHEYE_PX or model is LensModel.PERSPECTIVE):
+            return plain
+    sightings: Sightings = {
+        (name, moment): (at.astype(float), there.astype(float))
+        for moment, (at, there) in enumerate(zip(points, pixels, strict=True))
+    }
+    fits = [_adjusted_lens(size, Lens(*lens, True), sightings) for lens in _fisheyes(size)]
+    if plain is not None:
+        plain, error_px = _adjusted_lens(size, plain, sightings)
+    lens, fisheye_px = min(fits, key=lambda fit: fit[1])
+    if plain is not None and not fisheye_px < CLEARLY_LESS * error_px:
+        return plain
+    if model is LensModel.AUTO:
+        talk(
+            f"{name} has a fisheye: the corners fit that model within {fisheye_px:.2f} px, and a perspective "
+            f"lens within {error_px:.2f} px"
+        )
+    return lens
 
 
-def lenses_of_recordings(dataset: Dataset, board: Board, recordings: Sequence[Dataset]) -> dict[str, Lens]:
+def _fisheyes(size: tuple[int, int]) -> Iterator[tuple[Array, Array]]:
+    """Yield matrix and distortion of fisheyes from which one is fitted."""
+    for degrees in FISHEYE_DEG:
+        matrix = np.diag([max(size) / np.radians(degrees)] * 2 + [1.0])
+        matrix[:2, 2] = (np.array(size) - 1) / 2
+        yield matrix, np.zeros(4)
+
+
+def _adjusted_lens(size: tuple[int, int], lens: Lens, sightings: Sightings) -> tuple[Lens, float]:
+    """Return a lens fitted to one camera's corners, and the root mean square of their residuals, px."""
+    ((name, _), *_) = sightings
+    views = {name: View(*size, lens.matrix, lens.distortion, np.eye(3), np.zeros(3), lens.is_fisheye)}
+    rms_px = np.inf
+    for terms in ({0, 1, 2, 3}, SIMPLE, {*range(8 if lens.is_fisheye else 9)}):
+        adjustment = Adjustment(views, sightings, {name: terms})
+        try:
+            values = adjustment.solve(adjustment.start())
+        except (cv2.error, np.linalg.LinAlgError):
+            return lens, np.inf
+        views, rms_px = adjustment.views_at(values), adjustment.rms_px(values)
+    return views[name].lens, rms_px
+
+
+def lenses_of_recordings(
+    dataset: Dataset, board: Board, recordings: Sequence[Dataset], model: LensModel = LensModel.AUTO
+) -> dict[str, Lens]:
     """Calibrate lenses of a session's cameras from recordings in which single cameras see the board.
 
     Raises:
@@ -80,7 +147,10 @@ def lenses_of_recordings(dataset: Dataset, board: Board, recordings: Sequence[Da
             detector = BoardDetector(board)
             images = (recording.grey(name, instant) for instant in recording.instants(name))
             seen.setdefault(name, []).extend(filter(None, map(detector.detect, images)))
-    return {name: calibrate_lens(name, dataset.size(name), board, corners) for name, corners in seen.items()}
+    return {
+        name: calibrate_lens(name, dataset.size(name), board, corners, model)
+        for name, corners in seen.items()
+    }
 
 
 def refuse_other_sizes(recording: Dataset, dataset: Dataset, cameras: Sequence[str]) -> None:
@@ -92,101 +162,6 @@ def refuse_other_sizes(recording: Dataset, dataset: Dataset, cameras: Sequence[s
                 f"{name} has pictures of {sizes[0]} in {recording.name}, of {sizes[1]} in {dataset.name}",
                 hint="record the board in the mode that is used later: another may show another part",
             )
-
-
-Sightings = Mapping[tuple[str, int], tuple[Array, Array]]
-"""Board corners by camera and moment: places on the board (n, 3; m) and pixels (n, 2)."""
-
-
-def adjust_bundle(
-    views: Mapping[str, View], seen: Sightings, keep_lenses: frozenset[str] = frozenset()
-) -> dict[str, View]:
-    """Fit all views to all corners together; the first view's pose and lenses in `keep_lenses` stay fixed."""
-    boards = _first_boards(views, seen)
-    of_camera = {name: CAMERA * i for i, name in enumerate(views)}
-    of_board = {moment: CAMERA * len(views) + 6 * i for i, moment in enumerate(boards)}
-    values = np.concatenate([*map(_camera_values, views.values()), *boards.values()])
-    # The first camera's pose defines the rig's frame.
-    free = np.ones(len(values), bool)
-    free[LENS:CAMERA] = False
-    for name in keep_lenses:
-        free[of_camera[name] : of_camera[name] + LENS] = False
-
-    def linearize(values: Array) -> tuple[float, Array, Array]:
-        """Return the loss, and the normal equations of its reweighted least squares."""
-        loss, normal, gradient = 0.0, np.zeros((len(values), len(values))), np.zeros(len(values))
-        for (name, moment), (points, pixels) in seen.items():
-            camera, board = of_camera[name], of_board[moment]
-            where = np.r_[camera : camera + CAMERA, board : board + 6]
-            error, jacobian = _residuals(views[name], values[where], points, pixels)
-            size = np.linalg.norm(error, axis=1)
-            loss += float(np.where(size < HUBER_PX, size**2 / 2, HUBER_PX * (size - HUBER_PX / 2)).sum())
-            weight = np.repeat(np.sqrt(np.minimum(1, HUBER_PX / size.clip(1e-9))), 2)
-            jacobian = weight[:, None] * jacobian * free[where]
-            normal[np.ix_(where, where)] += jacobian.T @ jacobian
-            gradient[where] += jacobian.T @ (weight * error.ravel())
-        return loss, normal, gradient
-
-    damping, (loss, normal, gradient) = 1e-3, linearize(values)
-    for _ in range(MAX_STEPS):
-        before = loss
-        while damping < 1e8:
-            # Fixed values have no slope: the damping alone keeps their equations solvable.
-            damped = normal + damping * np.diag(np.diag(normal).clip(1e-12))
-            stepped = values - np.linalg.solve(damped, gradient)
-            residuals = linearize(stepped)
-            if residuals[0] < loss:
-                values, (loss, normal, gradient) = stepped, residuals
-                damping /= 5
-                break
-            damping *= 5
-        if before - loss < ENOUGH * before:
-            break
-    return {name: _adjusted(view, values[of_camera[name] :]) for name, view in views.items()}
-
-
-def _camera_values(view: View) -> Array:
-    """Return the values of a camera (CAMERA,) that are adjusted: fx, fy, cx, cy, k1, k2 and its pose."""
-    lens = np.append(view.matrix[[0, 1, 0, 1], [0, 1, 2, 2]], view.distortion[: LENS - 4])
-    return np.append(lens, _pose(view.rotation, view.translation))
-
-
-def _adjusted(view: View, values: Array) -> View:
-    """Return the view with the first `CAMERA` of these values."""
-    matrix, distortion = view.matrix.copy(), view.distortion.copy()
-    matrix[[0, 1, 0, 1], [0, 1, 2, 2]] = values[:4]
-    distortion[: LENS - 4] = values[4:LENS]
-    rotation, _ = cv2.Rodrigues(values[LENS : LENS + 3])
-    return View(view.width, view.height, matrix, distortion, rotation, values[LENS + 3 : CAMERA])
-
-
-def _pose(rotation: Array, translation: Array) -> Array:
-    """Return the rotation vector and the translation as one vector (6,)."""
-    return np.concatenate([cv2.Rodrigues(rotation)[0].ravel(), translation])
-
-
-def _first_boards(views: Mapping[str, View], seen: Sightings) -> dict[int, Array]:
-    """Return `rig_from_board` of each moment, from the camera that sees most corners."""
-    counts = sorted((moment, len(points), name) for (name, moment), (points, _) in seen.items())
-    best = {moment: name for moment, _, name in counts}
-    return {k: _pose(*rig_from_board(views[name], *seen[name, k])) for k, name in best.items()}
-
-
-def rig_from_board(view: View, places: Array, pixels: Array) -> tuple[Array, Array]:
-    """Return the pose of a board in the rig from its corners, places (n, 3; m) at pixels (n, 2) of a view."""
-    rotation, translation = _board_pose(places, pixels, (view.matrix, view.distortion))
-    return view.rotation.T @ rotation, view.rotation.T @ (translation - view.translation)
-
-
-def _residuals(view: View, values: Array, points: Array, pixels: Array) -> tuple[Array, Array]:
-    """Return the residuals (n, 2), px, and their derivatives (2n, CAMERA + 6) by a camera and a board."""
-    camera, board = values[LENS:CAMERA], values[CAMERA:]
-    lens = _adjusted(view, values)
-    rvec, tvec, *rates = cv2.composeRT(board[:3], board[3:], camera[:3], camera[3:])
-    projected, by = cv2.projectPoints(points, rvec, tvec, lens.matrix, lens.distortion)
-    # OpenCV's order: the composed rotation by both poses, board first, then the composed translation.
-    by_poses = np.block([[*rates[2:4], *rates[:2]], [*rates[6:8], *rates[4:6]]])
-    return projected.reshape(-1, 2) - pixels, np.hstack([by[:, 6 : 6 + LENS], by[:, :6] @ by_poses])
 
 
 BoardCorners = dict[tuple[str, int], Corners]
@@ -233,9 +208,21 @@ def shared_corners(corners: BoardCorners) -> dict[tuple[str, str], tuple[Array, 
     return {pair: (at_a, at_b) for pair, (at_a, at_b) in pixels.items()}
 
 
+@dataclass(frozen=True)
+class BoardCalibration:
+    """A calibration from a board, and its 95 % errors by camera."""
+
+    calibration: Calibration
+    errors: Mapping[str, CameraErrors]
+
+
 def calibrate_from_board(
-    dataset: Dataset, board: Board, corners: BoardCorners, known: Mapping[str, Lens] | None = None
-) -> Calibration:
+    dataset: Dataset,
+    board: Board,
+    corners: BoardCorners,
+    known: Mapping[str, Lens] | None = None,
+    model: LensModel = LensModel.AUTO,
+) -> BoardCalibration:
     """Calibrate every lens, place the cameras by boards that they share, then adjust everything together.
 
     `known`: lenses that are calibrated already and stay fixed.
@@ -248,12 +235,19 @@ def calibrate_from_board(
         camera: known[camera]
         if camera in known
         else calibrate_lens(
-            camera, dataset.size(camera), board, [corners[key] for key in sorted(corners) if key[0] == camera]
+            camera,
+            dataset.size(camera),
+            board,
+            [corners[key] for key in sorted(corners) if key[0] == camera],
+            model,
         )
         for camera in dataset.cameras
     }
     poses = _rig_poses(dataset, places, corners, lenses)
-    views = {name: View(*dataset.size(name), *lenses[name], *poses[name]) for name in dataset.cameras}
+    views = {
+        name: View(*dataset.size(name), lens.matrix, lens.distortion, *poses[name], lens.is_fisheye)
+        for name, lens in lenses.items()
+    }
     used = _bundle_moments(corners)
     sightings = {
         (name, moment): (
@@ -263,14 +257,33 @@ def calibrate_from_board(
         for (name, moment), own_corners in corners.items()
         if moment in used
     }
-    views = adjust_bundle(views, sightings, frozenset(known))
+    bundle = adjust_bundle(views, sightings, frozenset(known))
+    if bundle.apart_px is not None:
+        talk(
+            f"corners fit all cameras together within {bundle.rms_px:.2f} px, each alone within "
+            f"{bundle.apart_px:.2f} px: the board moved between the cameras' images, or is bent. Lenses are "
+            "from each camera's own images; hold the board still for the poses"
+        )
     kind = "checkerboard" if isinstance(board, Checkerboard) else "ChArUco board"
     own = f", lenses of {', '.join(known)} from recordings of their own" if known else ""
-    return Calibration(
-        cameras={name: view.to_calibration() for name, view in views.items()},
+    percent = [errors.focal_percent for name, errors in bundle.errors.items() if name not in known]
+    off = f", focal lengths off by up to {min(percent):.2g} to {max(percent):.2g} % (95 %)" if percent else ""
+    cameras = {
+        name: replace(view, seen_deg=_seen_deg(view, [at for who, at in corners.items() if who[0] == name]))
+        for name, view in bundle.views.items()
+    }
+    calibration = Calibration(
+        cameras={name: view.to_calibration() for name, view in cameras.items()},
         unit="m",
-        source=f"{kind} in {len(corners)} images of {dataset.name}{own}",
+        source=f"{kind} in {len(corners)} images of {dataset.name}{own}{off}",
     )
+    return BoardCalibration(calibration, bundle.errors)
+
+
+def _seen_deg(view: View, seen: Sequence[Corners]) -> float:
+    """Return the angle off the axis of the outermost corner, degrees."""
+    rays = view.lens.rays(np.concatenate([[*corners.values()] for corners in seen]))
+    return float(np.degrees(np.arctan(np.hypot(rays[:, 0], rays[:, 1]).max())))
 
 
 def _bundle_moments(corners: BoardCorners) -> set[int]:
@@ -288,7 +301,7 @@ def _pixels(seen: dict[int, Array], ids: list[int]) -> Array:
 
 
 def _rig_poses(
-    dataset: Dataset, places: Array, corners: BoardCorners, lenses: dict[str, tuple[Array, Array]]
+    dataset: Dataset, places: Array, corners: BoardCorners, lenses: Mapping[str, Lens]
 ) -> dict[str, tuple[Array, Array]]:
     """Return `cam_from_rig`, chained from the first camera through those that share most boards."""
     shared: dict[frozenset[str], list[tuple[int, list[int]]]] = {}
@@ -308,14 +321,14 @@ def _rig_poses(
             )
         together = shared[frozenset((a, b))][:MAX_BOARDS]
         in_a, in_b = ([_pixels(corners[name, k], ids) for k, ids in together] for name in (a, b))
-        rotation, translation = _relative_pose(
+        rotation, translation = relative_pose(
             [places[ids] for _, ids in together], (in_a, in_b), (lenses[a], lenses[b])
         )
         poses[b] = rotation @ poses[a][0], rotation @ poses[a][1] + translation
     return poses
 
 
-def _relative_pose(
+def relative_pose(
     points: list[Array], pixels: tuple[list[Array], list[Array]], lenses: tuple[Lens, Lens]
 ) -> tuple[Array, Array]:
     """Return rotation (3, 3) and translation (3,) from the first camera to the second.
@@ -325,7 +338,7 @@ def _relative_pose(
     """
     rotations, translations = [], []
     for at, *seen in zip(points, *pixels, strict=True):
-        (of_a, move_a), (of_b, move_b) = map(_board_pose, (at, at), seen, lenses)
+        (of_a, move_a), (of_b, move_b) = map(board_pose, lenses, (at, at), seen)
         rotations.append(of_b @ of_a.T)
         translations.append(move_b - of_b @ of_a.T @ move_a)
     every = np.array(rotations)
@@ -333,8 +346,3 @@ def _relative_pose(
     agreeing = np.argsort(apart[int(apart.sum(0).argmin())])[: max(1, (len(every) + 1) // 2)]
     left, _, right = np.linalg.svd(every[agreeing].sum(0))
     return left @ right, np.array(translations)[agreeing].mean(0)
-
-
-def _board_pose(points: Array, pixels: Array, lens: Lens) -> tuple[Array, Array]:
-    _, rvec, tvec = cv2.solvePnP(points, pixels, *lens)
-    return cv2.Rodrigues(rvec)[0], np.asarray(tvec).ravel()

@@ -17,6 +17,7 @@ from capture_app.common.text import pretty_json
 from capture_app.console.terminal import talk
 from capture_app.session.files.durable import write_atomic
 from capture_app.session.format.calibration import Calibration
+from capture_app.session.format.calibration_judge import camera_fault
 from capture_app.session.format.manifest import MANIFEST
 from capture_app.session.reading.reader import Session
 from reconstruction.common.geometry import View
@@ -28,7 +29,6 @@ from reconstruction.scene.calibration.consistency import (
 )
 from reconstruction.scene.calibration.soundness import (
     calibrated_views,
-    impossible,
     refuse_faults,
     sound_views,
 )
@@ -139,7 +139,7 @@ def find_rig_views(modes: Mapping[str, CameraMode], folder: Path | None) -> dict
     return {
         name: View.from_calibration(camera, modes[name].width, modes[name].height)
         for name, camera in cameras.items()
-        if not impossible(camera)
+        if not camera_fault(camera)
     }
 
 
@@ -183,6 +183,15 @@ def _read(path: Path) -> StoredCalibration | None:
         return None
 
 
+def known_calibration(dataset: Dataset) -> Calibration | None:
+    """Return a session's own calibration or its rig's stored one, unchecked; imports adopt none."""
+    if (own := dataset.session.calibration()) is not None:
+        return own
+    is_imported = dataset.session.manifest.origin == "imported"
+    stored = None if is_imported else find_calibration(camera_modes(dataset))
+    return None if stored is None else stored.calibration
+
+
 def choose_calibration(features: SceneFeatures) -> Calibration | None:
     """Return a session's own calibration, checked against its images, or its rig's stored one, and say so.
 
@@ -197,6 +206,7 @@ def choose_calibration(features: SceneFeatures) -> Calibration | None:
     """
     dataset = features.dataset
     if (own := dataset.session.calibration()) is not None:
+        own = dataset.straight_calibration(own)
         views, faults = sound_views(dataset, own)
         if not plainly_fits(views, _middle_features(dataset, views, *GLANCE)):
             faults += find_mixups(views, _middle_features(dataset, views))
@@ -210,8 +220,10 @@ def choose_calibration(features: SceneFeatures) -> Calibration | None:
     is_imported = dataset.session.manifest.origin == "imported"
     if is_imported or (stored := find_calibration(camera_modes(dataset))) is None:
         return None
+    calibration = dataset.straight_calibration(stored.calibration)
+    stored = msgspec.structs.replace(stored, calibration=calibration)
     try:
-        views = calibrated_views(dataset, stored.calibration)
+        views = calibrated_views(dataset, calibration)
         check = check_rig(views, features.middle)
         why = "" if check.holds else f"{check} (calibrate the rig again: reconstruct calibrate)"
     except BadInputError as error:

@@ -4,10 +4,12 @@ import math
 import tempfile
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 
 from capture_app.common.errors import NotApplicableError
@@ -28,6 +30,10 @@ FILM_DIAGONAL_MM = 43.27
 MAX_FOCAL_RATIO = 1.25
 """Maximum ratio of a found to the likely focal length; equivalent ones are rounded to whole millimetres."""
 WIDEST_DEG = 100.0
+MAX_BELIEVED = 0.08
+"""Maximum relative 95 % error of focal lengths at which the images are believed against a given one."""
+GIVEN_ERROR = 0.04
+"""Relative error that a given field of view is granted: data sheets and EXIF are rounded."""
 MIN_TO_SEPARATE_LENSES = 3
 """Minimum cameras that determine focal lengths; with two whose axes meet, any focal length fits."""
 GUESS = "a guess from these pictures alone"
@@ -134,16 +140,47 @@ def calibrate_from_images(motion: SceneMotion, field_of_view_deg: float | None =
             (root / "images" / name).mkdir(parents=True)
             write_image(root / "images" / name / "background.png", motion.background(name), FAST_PNG)
         if len(cameras) >= MIN_TO_SEPARATE_LENSES:
-            calibration = _found(pycolmap, dataset, cameras, root, focal_px, held=False)
+            found = _found(pycolmap, dataset, cameras, root, focal_px, held=False)
             try:
-                refuse_odd_lenses(calibration.cameras, focal_px)
+                refuse_odd_lenses(found.calibration.cameras, focal_px)
             except NotApplicableError:
                 if len(focal_px) < len(cameras):
                     raise
+                with suppress(NotApplicableError):
+                    # Without what was given: a wrong lens to begin with leads to wrong poses.
+                    alone = _found(pycolmap, dataset, cameras, root, {}, held=False)
+                    if alone.errors and max(alone.errors) <= MAX_BELIEVED:
+                        return _contradicting(alone, focal_px)
             else:
-                return calibration
+                return _contradicting(found, focal_px)
         # The static scene does not determine the lenses: fix them at their likely values.
-        return _found(pycolmap, dataset, cameras, root, focal_px, held=True)
+        return _found(pycolmap, dataset, cameras, root, focal_px, held=True).calibration
+
+
+@dataclass(frozen=True)
+class _Found:
+    """A calibration by COLMAP, and the relative 95 % errors of its focal lengths; none if not determined."""
+
+    calibration: Calibration
+    errors: Sequence[float]
+
+
+def _contradicting(found: _Found, focal_px: Mapping[str, float]) -> Calibration:
+    """Return a calibration, with the given fields of view that it contradicts in its source, and say so."""
+    worst = max(found.errors, default=math.inf)
+    cameras = found.calibration.cameras
+    if not (given := focal_px.keys() & cameras.keys()) or worst > MAX_BELIEVED:
+        return found.calibration
+    name = max(sorted(given), key=lambda one: abs(math.log(cameras[one].fx / focal_px[one])))
+    camera, likely = cameras[name], focal_px[name]
+    if abs(math.log(camera.fx / likely)) <= worst + GIVEN_ERROR:
+        return found.calibration
+    degrees, wrong = field_of_view_deg(camera), math.degrees(2 * math.atan(camera.width / 2 / likely))
+    # The derivative of 2 atan(w / 2f) by the logarithm of f is the sine of the angle.
+    error = math.degrees(math.sin(math.radians(degrees)) * worst)
+    text = f"{wrong:.1f} degrees were given; the pictures say {degrees:.1f} ± {error:.1f} ({name})"
+    talk(f"{text}: the pictures are believed")
+    return msgspec.structs.replace(found.calibration, source=f"{found.calibration.source}, {text}")
 
 
 def _found(
@@ -154,7 +191,7 @@ def _found(
     focal_px: Mapping[str, float],
     *,
     held: bool,
-) -> Calibration:
+) -> _Found:
     with tempfile.TemporaryDirectory(dir=root) as work:
         extraction = _extraction(pycolmap, [dataset.size(name) for name in cameras])
         rec = _solve(pycolmap, Path(work), focal_px, extraction, held=held)
@@ -169,23 +206,28 @@ def _found(
             "only one camera could be placed", hint=f"the views need to overlap more{advice}"
         )
     guess = f", {GUESS}" if advice else ""
-    lenses = ", focal lengths taken for granted" if held else _lens_errors_text(pycolmap, rec)
+    flat = not held and all(fit_one_plane(*at) for at in _shared_pixels(rec))
+    errors = [] if held or flat else focal_errors(pycolmap, rec)
+    lenses = _lens_errors_text(errors, held=held, flat=flat)
     missing = ", ".join(name for name in dataset.cameras if name not in found)
     left_out = f"; not placed: {missing}" if missing else ""
-    return Calibration(
+    calibration = Calibration(
         cameras=found,
         unit="arbitrary",
         source=f"COLMAP {pycolmap.__version__}, {len(found)} of {len(dataset.cameras)} cameras from "
         f"{rec.num_points3D()} still points, {rec.compute_mean_reprojection_error():.2f} px"
         f"{guess}{lenses}{left_out}",
     )
+    return _Found(calibration, errors)
 
 
-def _lens_errors_text(pycolmap: Any, rec: Any) -> str:
+def _lens_errors_text(errors: Sequence[float], *, held: bool, flat: bool) -> str:
     """Describe the uncertainty of the focal lengths; a bar if the points determine them."""
-    if all(fit_one_plane(*at) for at in _shared_pixels(rec)):
+    if held:
+        return ", focal lengths taken for granted"
+    if flat:
         return ", focal lengths perhaps far off: these points lie in one plane, or far away"
-    percent = [100 * error for error in focal_errors(pycolmap, rec)]
+    percent = [100 * error for error in errors]
     off = f"off by up to {min(percent):.1f} to {max(percent):.1f} % (95 %)" if percent else "perhaps far off"
     return f", focal lengths {off}"
 

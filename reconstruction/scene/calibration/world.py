@@ -16,7 +16,8 @@ from capture_app.board.detector import Board, Corners
 from capture_app.common.errors import BadInputError
 from capture_app.session.format.calibration import Calibration
 from reconstruction.common.geometry import Array, View, angle_deg
-from reconstruction.scene.calibration.board_calibration import BoardCorners, corners_by_moment, rig_from_board
+from reconstruction.scene.calibration.board_bundle import rig_from_board
+from reconstruction.scene.calibration.board_calibration import BoardCorners, corners_by_moment
 from reconstruction.scene.calibration.consistency import reprojection_errors, triangulate
 from reconstruction.scene.conditions import evenly_spaced
 from reconstruction.scene.pairs import size_above_features

@@ -47,9 +47,9 @@ def install(user: dict[str, str], *arguments: str) -> "subprocess.CompletedProce
 @pytest.mark.parametrize(
     ("arguments", "extras"),
     [
-        ((), "[reconstruction]"),
+        ((), "[reconstruction,people]"),
         (("--capture-only",), ""),
-        (("--with", "export,plots"), "[reconstruction,export,plots]"),
+        (("--with", "export,plots"), "[reconstruction,people,export,plots]"),
         (("--capture-only", "--with", "export"), "[export]"),
     ],
 )

@@ -56,8 +56,8 @@ def calibration_of(name: str) -> Calibration:
     camera = CameraCalibration(
         width=WIDTH,
         height=HEIGHT,
-        fx=1.0,
-        fy=2.0,
+        fx=21.0,
+        fy=22.0,
         cx=3.0,
         cy=4.0,
         rotation=upright,

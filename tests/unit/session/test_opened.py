@@ -110,7 +110,7 @@ def test_matrices_are_those_of_the_pictures(session: Session) -> None:
     (session.folder / "calibration.json").write_bytes(_json(calibration_of("left")))
     calibrated = open_session(session.folder).cameras
     found = calibrated["left"].calibration
-    assert found.camera_matrix.tolist() == [[1, 0, 3], [0, 2, 4], [0, 0, 1]]
+    assert found.camera_matrix.tolist() == [[21, 0, 3], [0, 22, 4], [0, 0, 1]]
     assert (found.cam_from_rig @ [0, 0, 0, 1]).tolist() == [0.1, 0.2, 0.3, 1]
     assert (found.distortion.shape, found.unit) == ((5,), "m")
     assert not calibrated["right"].is_calibrated

@@ -12,7 +12,7 @@ from capture_app.common.errors import BadInputError
 from capture_app.session.files.untrusted_files import read_text, rejecting
 from capture_app.session.importing.importer import Importer, open_sources
 from capture_app.session.importing.recording_sources import Layout, videos_in
-from capture_app.session.importing.views import EXPORT_AGAIN, FLATTEN, View, Views, numbers, rotation_of
+from capture_app.session.importing.views import EXPORT_AGAIN, View, Views, numbers, rotation_of
 
 _TABLE, _ARRAY, _RECORDINGS = "timestamps.csv", "camera_array.toml", "recordings"
 _UP = 3
@@ -75,15 +75,14 @@ def read_calibration(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) 
             rotation=rotation_of(numbers(where, table, "rotation", 3, 9)),
             translation=numbers(where, table, "translation", 3),
             size=(int(width), int(height)),
+            is_fisheye=bool(table.get("fisheye")),
             turned=f"rotation_count {turns}" if (turns := table.get("rotation_count", 0)) else "",
         )
     return Views(views, path.name)
 
 
 def _refuse_unread(where: str, table: Mapping[str, Any]) -> None:
-    """Raise BadInputError for a fisheye, or for a lens without a pose."""
-    if table.get("fisheye"):
-        raise BadInputError(f"{where} has a fisheye lens; only perspective ones are supported", hint=FLATTEN)
+    """Raise BadInputError for a lens without a pose."""
     if "rotation" not in table and "translation" not in table:
         raise BadInputError(
             f"{where} has a lens, but no pose yet",

@@ -52,6 +52,7 @@ EXPORTER = Exporter(
     help="recordings, timestamps.csv and camera_array.toml",
     program="Caliscope",
     calibration="optional",
+    fisheyes=True,
     uncalibrated="the session has no calibration: calibrate in Caliscope",
     unit="m",
     packages=VIDEOS,

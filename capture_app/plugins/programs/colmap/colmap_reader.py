@@ -44,9 +44,10 @@ _LENSES: dict[str, Callable[..., tuple[float, ...]]] = {
     "SIMPLE_RADIAL": lambda f, x, y, k: (f, f, x, y, k),
     "RADIAL": lambda f, x, y, k1, k2: (f, f, x, y, k1, k2),
     "OPENCV": lambda *all_: all_,
+    "OPENCV_FISHEYE": lambda *all_: all_,
     "FULL_OPENCV": lambda *all_: all_,
 }
-"""Converts a model's parameters to fx, fy, cx, cy and OpenCV's distortion."""
+"""Converts a model's parameters to fx, fy, cx, cy and OpenCV's distortion, or its fisheye's."""
 _HERE = (1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 Pose = tuple[float, ...]
@@ -146,13 +147,15 @@ def _view(
         raise BadInputError(
             f"{where} has {len(parameters)} parameters; {model} has {count}", hint=EXPORT_AGAIN
         )
+    is_fisheye = model == "OPENCV_FISHEYE"
     fx, fy, x, y, *distortion = _LENSES[model](*map(float, parameters))
     return View(
         matrix=pinhole(fx, fy, x - _HALF_PIXEL, y - _HALF_PIXEL),
-        distortion=np.array([*distortion, *[0.0] * (5 - len(distortion))]),
+        distortion=np.array([*distortion, *[0.0] * 5][: max(4 if is_fisheye else 5, len(distortion))]),
         rotation=from_quaternion(where, pose[:4]),
         translation=np.array(pose[4:7], np.float64),
         size=size,
+        is_fisheye=is_fisheye,
     )
 
 

@@ -146,6 +146,8 @@ def _observe(
 def _model(camera: CameraCalibration) -> tuple[str, list[float]]:
     """Return COLMAP's camera model with this distortion, and its parameters in COLMAP's order."""
     pinhole = [camera.fx, camera.fy, camera.cx + _HALF_PIXEL, camera.cy + _HALF_PIXEL]
+    if camera.is_fisheye:
+        return "OPENCV_FISHEYE", [*pinhole, *distortion_of(camera).tolist()]
     *tangential, k3 = distortion_of(camera).tolist()
     if k3:
         return "FULL_OPENCV", [*pinhole, *tangential, k3, 0.0, 0.0, 0.0]
@@ -172,5 +174,6 @@ EXPORTER = Exporter(
     program="COLMAP",
     one_instant=True,
     calibration="optional",
+    fisheyes=True,
     uncalibrated="the session has no calibration: COLMAP finds the cameras itself",
 )

@@ -38,6 +38,7 @@ from capture_app.session.reading.decoding import image_size
 _TRANSFORMS = "transforms.json"
 _HALF_PIXEL = 0.5
 _PERSPECTIVE = ("OPENCV", "PINHOLE", "PERSPECTIVE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL")
+_TERMS = {False: ("k1", "k2", "p1", "p2", "k3"), True: ("k1", "k2", "k3", "k4")}
 _OPENCV_FROM_OPENGL = np.array([1.0, -1.0, -1.0])
 
 
@@ -96,7 +97,7 @@ def read_calibration(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) 
     """Read the cameras of a transforms.json or of its folder; an image's path names its camera.
 
     The unit is arbitrary unless the file has `unit`, as our own exports do. Raises BadInputError, with the
-    image, for missing values, fisheye lenses and cameras that move.
+    image, for missing values, other lens models and cameras that move.
     """
     path = paths[0][1]
     path = path / _TRANSFORMS if (path / _TRANSFORMS).is_file() else path
@@ -118,12 +119,13 @@ def _image(path: Path, content: Mapping[str, Any], frame: Any, cameras: Sequence
     file, all_of = frame["file_path"], {**content, **frame}
     where = f"{path}: {file}"
     model = str(all_of.get("camera_model", "OPENCV")).upper()
-    if model not in _PERSPECTIVE or all_of.get("is_fisheye"):
+    is_fisheye = model == "OPENCV_FISHEYE"
+    if (model not in _PERSPECTIVE or all_of.get("is_fisheye")) and not is_fisheye:
         raise BadInputError(
-            f"{where} is of a {model} camera; only perspective ones are supported",
+            f"{where} is of a {model} camera; only perspective ones and OPENCV_FISHEYE are supported",
             hint="undistort the images to a perspective camera and calibrate again",
         )
-    if _number(where, all_of, "k4", 0.0):
+    if _number(where, all_of, "k4", 0.0) and not is_fisheye:
         raise BadInputError(
             f"{where} has a distortion k4; k1, k2, p1, p2, k3 are supported",
             hint="calibrate with k1, k2, p1, p2, k3",
@@ -138,10 +140,11 @@ def _image(path: Path, content: Mapping[str, Any], frame: Any, cameras: Sequence
     cx, cy = (_number(where, all_of, key, side / 2) for key, side in (("cx", width), ("cy", height)))
     view = View(
         matrix=pinhole(fx, fy, cx - _HALF_PIXEL, cy - _HALF_PIXEL),
-        distortion=np.array([_number(where, all_of, key, 0.0) for key in ("k1", "k2", "p1", "p2", "k3")]),
+        distortion=np.array([_number(where, all_of, key, 0.0) for key in _TERMS[is_fisheye]]),
         rotation=rotation,
         translation=-rotation @ pose[:3, 3],
         size=(width, height),
+        is_fisheye=is_fisheye,
     )
     return label, view
 

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from capture_app.common.errors import BadInputError
 from capture_app.session.exporting.exported_burst import ExportedBurst, suffix_for, write_mask
 from capture_app.session.exporting.exporter import Exporter, Masks, Points
 from capture_app.session.exporting.pinhole import opengl_pose
@@ -15,6 +16,7 @@ from capture_app.session.format.manifest import ImageRecord
 
 _POINTS = "sparse_pc.ply"
 _HALF_PIXEL = 0.5  # nerfstudio's first pixel has its centre at (0.5, 0.5)
+_TERMS = {False: ("k1", "k2", "p1", "p2", "k3"), True: ("k1", "k2", "k3", "k4")}
 
 
 def write(burst: ExportedBurst, folder: Path, *, masks: Masks = None, points: Points = None) -> None:
@@ -24,6 +26,12 @@ def write(burst: ExportedBurst, folder: Path, *, masks: Masks = None, points: Po
     it is exact. Without a second instant every `time` is 0. nerfstudio itself ignores it.
     """
     calibration = burst.required_calibration
+    fisheyes = [calibration.cameras[camera].is_fisheye for camera in burst.cameras]
+    if any(fisheyes) and not all(fisheyes):
+        raise BadInputError(
+            "nerfstudio has one lens model for all cameras, and these are fisheyes and perspective ones",
+            hint="export to colmap, or to splats",
+        )
     images = [image for camera in burst.cameras for image in burst.images_of(camera)]
     if masks:
         # Substitutes for dropped frames have no masks, and nerfstudio requires all or none.
@@ -43,7 +51,7 @@ def write(burst: ExportedBurst, folder: Path, *, masks: Masks = None, points: Po
             write_mask(burst, masks, image, folder / str(entry["mask_path"]), movers=0)
         entries.append(entry)
     content: dict[str, object] = {
-        "camera_model": "OPENCV",
+        "camera_model": "OPENCV_FISHEYE" if any(fisheyes) else "OPENCV",
         "time_origin_leader_ns": burst.origin_ns,
         "time_span_ns": span_ns if several else 0,
         "unit": calibration.unit,
@@ -70,7 +78,7 @@ def _entry(file: str, image: ImageRecord, camera: CameraCalibration, time: float
         "cy": camera.cy + _HALF_PIXEL,
         "w": camera.width,
         "h": camera.height,
-        **dict(zip(("k1", "k2", "p1", "p2", "k3"), distortion_of(camera).tolist(), strict=True)),
+        **dict(zip(_TERMS[camera.is_fisheye], distortion_of(camera).tolist(), strict=True)),
         "transform_matrix": opengl_pose(camera).tolist(),
         "time": time,
         "camera": image.camera,
@@ -86,4 +94,5 @@ EXPORTER = Exporter(
     program="nerfstudio",
     one_instant=True,
     calibration="required",
+    fisheyes=True,
 )

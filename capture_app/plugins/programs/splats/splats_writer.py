@@ -275,6 +275,7 @@ The writer returns the points of the first instant.
 """
 
 EXPORTER = Exporter(
+    fisheyes=True,
     write=write,
     help="pinhole images for trainers of Gaussian splats",
     program="Gaussian splatting",

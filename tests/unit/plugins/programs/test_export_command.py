@@ -106,7 +106,7 @@ def test_calibrations_that_cannot_be(make: Make, refuses: Callable[..., None]) -
     refuses(partial.folder, ExitCode.BAD_INPUT, "97x64", "colmap")
     content["cameras"]["right"] = dict(content["cameras"]["left"], rotation=[[1, 0, 0], [0, 1, 0], [0, 1, 1]])
     path.write_text(json.dumps(content))
-    refuses(partial.folder, ExitCode.BAD_INPUT, "a rotation matrix that is not orthonormal", "mcap")
+    refuses(partial.folder, ExitCode.BAD_INPUT, "its rotation matrix is not orthonormal", "mcap")
 
 
 def test_what_does_not_decode(make: Make, refuses: Callable[..., None]) -> None:

@@ -162,40 +162,48 @@ READ: list[tuple[Write, dict[str, Any], dict[str, float]]] = [
     (easymocap, {"H_0": 960, "W_0": 1280}, {"fx": 400, "fy": 405, "cx": 159.75, "cy": 119.75}),
 ]
 REFUSED: list[tuple[Write, dict[str, Any], str]] = [
-    (caliscope, {"fisheye": True}, "fisheye"),
     (caliscope, {"size": [480, 640], "rotation_count": 1}, "rotation_count 1"),
     (caliscope, {"distortions": [0.1] * 8}, "8 distortion coefficients"),
     (caliscope, {"matrix": [[800.0, 3.0, 320.0], *K[1:]]}, "skew"),
-    (caliscope, {"rotation": MIRROR}, "left-handed axes"),
-    (pose2sim, {"fisheye": True}, "fisheye"),
-    (pose2sim, {"rotation": MIRROR}, "left-handed axes"),
+    (caliscope, {"rotation": MIRROR}, "axes are left-handed"),
+    (pose2sim, {"rotation": MIRROR}, "axes are left-handed"),
     (pose2sim, {"matrix": [[800.0, 3.0, 320.0], *K[1:]]}, "skew"),
-    (freemocap, {"fisheye": True}, "fisheye"),
     (freemocap, {"distortions": [0.1] * 8}, "8 distortion coefficients"),
     (opencap, {"distortion": np.full((1, 8), 0.1)}, "distortion has 8 numbers"),
     (opencap, {"imageSize": np.array([640, 480])}, "calibrated for 480x640 pixels"),
-    (opencap, {"rotation": np.array(MIRROR)}, "left-handed axes"),
+    (opencap, {"rotation": np.array(MIRROR)}, "axes are left-handed"),
     (middlebury, {"cam0": "[800 3 320; 0 810 240; 0 0 1]"}, "skew"),
     (middlebury, {"doffs": "0"}, "doffs is 0"),
-    (opencv, {"R": np.array(MIRROR)}, "left-handed axes"),
-    (opencv, {"fisheye_model": 1}, "fisheye"),
-    (opencv, {"distortion_model": "equidistant"}, "fisheye"),
+    (opencv, {"R": np.array(MIRROR)}, "axes are left-handed"),
     (opencv, {"D": np.arange(8.0)}, "8 distortion coefficients"),
     (qualisys, {"viewrotation": 90}, "view rotated by 90"),
     (qualisys, {"skew": 640}, "skew"),
-    (qualisys, {"r33": 1}, "left-handed axes"),
-    (nerfstudio, {"camera_model": "OPENCV_FISHEYE"}, "OPENCV_FISHEYE"),
+    (qualisys, {"r33": 1}, "axes are left-handed"),
     (nerfstudio, {"camera_model": "EQUIRECTANGULAR"}, "EQUIRECTANGULAR"),
     (nerfstudio, {"is_fisheye": True}, "only perspective"),
     (nerfstudio, {"k4": 0.1}, "k4"),
     (
         nerfstudio,
         {"frames": [{"file_path": "0/0.jpg", "transform_matrix": np.eye(4)[[1, 0, 2, 3]].tolist()}]},
-        "left-handed axes",
+        "axes are left-handed",
     ),
-    (colmap, {"model": ("OPENCV_FISHEYE", "800 810 320.5 240.5 0 0 0 0")}, "OPENCV_FISHEYE"),
     (colmap, {"model": ("FULL_OPENCV", "800 810 320.5 240.5 0 0 0 0 0 0.1 0 0")}, "8 distortion"),
     (easymocap, {"dist_0": np.full((1, 8), 0.1)}, "8 distortion coefficients"),
+]
+
+
+_BENT = [0.1, 0.02, 0.003, 0.0004]
+FISHEYES: list[tuple[Write, dict[str, Any]]] = [
+    (caliscope, {"fisheye": True, "distortions": _BENT}),
+    (pose2sim, {"fisheye": True, "distortions": _BENT}),
+    (freemocap, {"fisheye": True, "distortions": _BENT}),
+    (opencv, {"fisheye_model": 1, "D": np.array(_BENT)}),
+    (opencv, {"distortion_model": "equidistant", "D": np.array(_BENT)}),
+    (
+        nerfstudio,
+        {"camera_model": "OPENCV_FISHEYE"} | dict(zip(("k1", "k2", "k3", "k4"), _BENT, strict=True)),
+    ),
+    (colmap, {"model": ("OPENCV_FISHEYE", f"800 810 320.5 240.5 {' '.join(map(str, _BENT))}")}),
 ]
 
 
@@ -344,3 +352,12 @@ def test_each_channel_of_a_sound_is_read(layout: str, loud: list[bool], tmp_path
     channels, _ = read_sound(tmp_path / "a.mov")
     assert len(channels) == 2 or layout == "mono"
     assert [bool(np.abs(one).max() > 0.1) for one in channels][: len(loud)] == loud
+
+
+@pytest.mark.parametrize("case", FISHEYES, ids=named)
+def test_fisheyes_are_read(case: tuple[Write, dict[str, Any]], tmp_path: Path) -> None:
+    write, fields = case
+    camera = read(write(tmp_path, fields))
+    assert camera.is_fisheye
+    assert camera.distortion == tuple(_BENT)
+    assert (camera.fx, camera.cx) == (800, 320)

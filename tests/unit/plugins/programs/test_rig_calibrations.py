@@ -101,8 +101,8 @@ def test_nerfstudios_transforms(tmp_path: Path) -> None:
 
 
 def test_nerfstudios_transforms_that_no_rig_of_ours_has(tmp_path: Path) -> None:
-    path = transforms(tmp_path / "transforms.json", camera_model="OPENCV_FISHEYE")
-    with pytest.raises(BadInputError, match="OPENCV_FISHEYE"):
+    path = transforms(tmp_path / "transforms.json", camera_model="EQUIRECTANGULAR")
+    with pytest.raises(BadInputError, match="EQUIRECTANGULAR"):
         read(path)
     with pytest.raises(BadInputError, match="no number fl_x"):
         read(transforms(path, fl_x=None))
@@ -119,7 +119,9 @@ def test_nerfstudios_transforms_that_no_rig_of_ours_has(tmp_path: Path) -> None:
 
 def test_the_field_of_view_of_older_transforms(tmp_path: Path) -> None:
     content = {"camera_angle_x": 2 * np.arctan(320 / 500), "w": 640, "h": 480}
-    frames = [{"file_path": f"./cam{n}.png", "transform_matrix": np.eye(4).tolist()} for n in range(2)]
+    poses = [np.eye(4), np.eye(4)]
+    poses[1][0, 3] = 1.0
+    frames = [{"file_path": f"./cam{n}.png", "transform_matrix": poses[n].tolist()} for n in range(2)]
     path = tmp_path / "transforms.json"
     path.write_text(json.dumps({**content, "frames": frames}))
     camera = read(path).cameras["cam0"]

@@ -8,7 +8,7 @@ import pytest
 
 from capture_app.board.boards import DEFAULT_BOARD
 from reconstruction.common.geometry import View, other_from_reference
-from reconstruction.scene.calibration.board_calibration import Sightings, adjust_bundle
+from reconstruction.scene.calibration.board_bundle import Sightings, adjust_bundle
 from tests.unit.reconstruction.conftest import HEIGHT, WIDTH, make_view
 
 RIG = {
@@ -19,7 +19,7 @@ RIG = {
 PLACES = DEFAULT_BOARD.places.astype(float)
 
 
-def sightings(noise_px: float) -> Sightings:
+def sightings(noise_px: float, rig: dict[str, View] = RIG) -> Sightings:
     """Nine boards in front of the rig, as each camera sees them."""
     rng = np.random.default_rng(3)
     found = {}
@@ -27,7 +27,7 @@ def sightings(noise_px: float) -> Sightings:
         turn = cv2.Rodrigues(rng.uniform(-0.5, 0.5, 3))[0]
         middle = rng.uniform((-0.15, -0.12, 0.6), (0.15, 0.12, 0.9))
         points = (PLACES - PLACES.mean(0)) @ turn.T + middle
-        for name, view in RIG.items():
+        for name, view in rig.items():
             pixels = view.project(points @ view.rotation.T + view.translation)
             pixels = pixels + rng.normal(0, noise_px, pixels.shape)
             inside = ((pixels > 0) & (pixels < (WIDTH, HEIGHT))).all(1)
@@ -57,7 +57,7 @@ def errors(found: dict[str, View], name: str) -> tuple[float, float, float]:
 
 
 def test_what_pairs_got_wrong_is_mended() -> None:
-    found = adjust_bundle(roughly(RIG), sightings(0.0))
+    found = adjust_bundle(roughly(RIG), sightings(0.0)).views
     for name in ("b", "c"):
         assert errors(found, name) == pytest.approx((0, 0, 0), abs=1e-3)
 
@@ -69,9 +69,38 @@ def test_noise_and_misread_corners_do_little_harm() -> None:
         spoiled = pixels.copy()
         spoiled[3] += 12
         seen[key] = places, spoiled
-    found = adjust_bundle(roughly(RIG), seen)
+    found = adjust_bundle(roughly(RIG), seen).views
     for name in ("b", "c"):
         turned, moved, focal = errors(found, name)
         assert turned < 0.25
         assert moved < 5
         assert focal < 0.01
+
+
+TANGENTIAL = (-0.1, 0.03, 0.004, -0.003, 0.0)
+
+
+def test_errors_contain_the_truth_and_tangential_terms_are_fitted_where_they_are() -> None:
+    bent = {name: replace(view, distortion=np.array(TANGENTIAL)) for name, view in RIG.items()}
+    found = adjust_bundle(roughly(bent), sightings(0.05, bent))
+    for name, view in found.views.items():
+        assert abs(view.focal / RIG[name].focal - 1) * 100 < found.errors[name].focal_percent < 2
+        assert np.abs(view.matrix[:2, 2] - RIG[name].matrix[:2, 2]).max() < 1.5 * found.errors[name].centre_px
+        assert view.distortion[2:4] == pytest.approx(TANGENTIAL[2:4], abs=0.003)
+    assert "focal length ± " in str(found.errors["b"])
+
+
+def test_terms_that_the_corners_do_not_bear_stay_out() -> None:
+    found = adjust_bundle(roughly(RIG), sightings(0.05))
+    assert sum(not view.distortion[2:].any() for view in found.views.values()) >= 2
+
+
+def test_where_the_board_moved_between_the_images_lenses_are_from_each_cameras_own() -> None:
+    seen = {}
+    for (name, moment), (places, pixels) in sightings(0.05).items():
+        seen[name, moment] = places, pixels + (4 * np.sin(3.0 * moment) if name == "b" else 0.0)
+    found = adjust_bundle(roughly(RIG), seen)
+    assert found.apart_px is not None
+    assert found.apart_px < 0.1 < found.rms_px
+    for name in RIG:
+        assert 100 * errors(found.views, name)[2] < found.errors[name].focal_percent

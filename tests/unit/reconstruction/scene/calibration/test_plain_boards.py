@@ -216,7 +216,7 @@ def test_a_board_of_another_size_is_named(tmp_path: Path, reconstruct: Reconstru
     refused = reconstruct("calibrate", session.folder, *asked)
     assert refused.code == 3
     assert (
-        "shows a board without markers of 9x8 squares, not 10x7 (--dictionary none --board 9x8)"
+        "show a board without markers of 9x8 squares, not 10x7 (--dictionary none --board 9x8)"
         in refused.complaint
     )
 

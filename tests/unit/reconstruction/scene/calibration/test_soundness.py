@@ -7,8 +7,8 @@ import msgspec
 import numpy as np
 import pytest
 
+from capture_app.session.format.calibration_judge import camera_fault
 from reconstruction.scene.calibration.consistency import judge_calibration
-from reconstruction.scene.calibration.soundness import impossible
 from tests.unit.reconstruction.conftest import make_view
 
 TURNED = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
@@ -21,9 +21,9 @@ def _rows(matrix: Any) -> Any:
 @pytest.mark.parametrize(
     ("changed", "why"),
     [
-        ({"rotation": _rows(np.diag([1.0, 1, -1]))}, r"mirrored \(determinant -1\)"),
-        ({"rotation": _rows(2 * TURNED)}, "its rotation matrix is not a rotation: .* by 3"),
-        ({"rotation": _rows(np.full((3, 3), 1e200))}, "its rotation matrix is not a rotation"),
+        ({"rotation": _rows(np.diag([1.0, 1, -1]))}, r"mirrored: the axes are left-handed"),
+        ({"rotation": _rows(2 * TURNED)}, "its rotation matrix is not orthonormal: .* by 3"),
+        ({"rotation": _rows(np.full((3, 3), 1e200))}, "its rotation matrix is not orthonormal"),
         ({"translation": (1e300, 0.0, 0.0)}, r"stands 1e\+300 units away"),
         ({"translation": (float("nan"), 0.0, 0.0)}, "not finite"),
         ({"fx": 0.0}, "focal length of 0 px"),
@@ -34,12 +34,14 @@ def _rows(matrix: Any) -> Any:
         ({"width": 0}, "0x240 pixels"),
         ({"distortion": (-5.0, 0.0, 0.0, 0.0, 0.0)}, "folds the picture"),
         ({"distortion": (1e308, 1e308)}, "folds the picture"),
-        ({"distortion": (0.1,) * 8}, "8 numbers"),
+        ({"distortion": (0.1,) * 8}, "8 distortion coefficients"),
+        ({"distortion": (0.3, -8.0, 0.0, 0.0, 0.0), "seen_deg": 28.0}, "folds the picture 2.* degrees off"),
+        ({"model": "fisheye", "distortion": (0.1,) * 5}, "5 distortion coefficients"),
     ],
 )
 def test_what_no_camera_has_is_refused(changed: dict[str, Any], why: str) -> None:
     sound = make_view((0.1, 0, 0)).to_calibration()
-    assert re.search(why, impossible(msgspec.structs.replace(sound, **changed)))
+    assert re.search(why, camera_fault(msgspec.structs.replace(sound, **changed)))
 
 
 @pytest.mark.parametrize(
@@ -54,10 +56,15 @@ def test_what_no_camera_has_is_refused(changed: dict[str, Any], why: str) -> Non
         {"cx": 0.0, "cy": 0.0},
         {"cx": 1080.0, "cy": 810.0},
         {"distortion": (0.1, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)},
+        # Anipose's default, k1 alone: it folds towards the corners.
+        {"fx": 190.0, "fy": 190.0, "distortion": (-0.302,)},
+        # A board in the middle of the picture: the lens is sound there.
+        {"distortion": (0.3, -8.0, 0.0, 0.0, 0.0), "seen_deg": 15.0},
+        {"model": "fisheye", "fx": 120.0, "fy": 120.0, "distortion": (0.01, 0.0, 0.0, 0.0)},
     ],
 )
 def test_what_is_odd_but_possible_is_not(changed: dict[str, Any]) -> None:
-    assert not impossible(msgspec.structs.replace(make_view((0.1, 0, 0)).to_calibration(), **changed))
+    assert not camera_fault(msgspec.structs.replace(make_view((0.1, 0, 0)).to_calibration(), **changed))
 
 
 def test_shared_points_are_judged_and_counted_where_they_are() -> None:

@@ -11,8 +11,13 @@ import pytest
 from capture_app.common.errors import BadInputError
 from capture_app.session.format.calibration import Calibration
 from reconstruction.common.geometry import View
+from reconstruction.scene.calibration import structure_from_motion
 from reconstruction.scene.calibration.soundness import calibrated_views
-from reconstruction.scene.calibration.structure_from_motion import calibrate_from_images, focal_errors
+from reconstruction.scene.calibration.structure_from_motion import (
+    calibrate_from_images,
+    field_of_view_deg,
+    focal_errors,
+)
 from reconstruction.scene.dataset import Dataset
 from reconstruction.scene.moving_pixels import SceneMotion
 from tests.unit.reconstruction.conftest import (
@@ -122,3 +127,20 @@ def test_two_cameras_of_unknown_lenses_are_not_guessed(tmp_path: Path, scene: Sc
     dataset = Dataset(write_session(tmp_path, scene, two, calibrated=False, truth=False))
     with pytest.raises(BadInputError, match=r"do not determine their lenses .*--field-of-view"):
         calibrate_from_images(SceneMotion(dataset, 1))
+
+
+def test_a_given_field_of_view_is_checked_against_what_the_pictures_know(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    lens = make_view((0, 0, 0)).to_calibration()
+    calibration = Calibration(cameras={"a": lens, "b": lens}, source="COLMAP")
+    given = {"a": 1.25 * lens.fx, "b": 1.02 * lens.fx}
+    found = structure_from_motion._contradicting(
+        structure_from_motion._Found(calibration, [0.01, 0.01]), given
+    )
+    said = f"were given; the pictures say {field_of_view_deg(lens):.1f} ± "
+    assert said in found.source
+    assert said in capsys.readouterr().err
+    for errors, near in (([0.2, 0.2], given), ([0.01, 0.01], {"b": given["b"]}), ([], given)):
+        unsure = structure_from_motion._Found(calibration, errors)
+        assert structure_from_motion._contradicting(unsure, near).source == "COLMAP"

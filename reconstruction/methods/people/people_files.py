@@ -1,0 +1,109 @@
+"""People in files of other programs: a tidy CSV, OpenSim's TRC and C3D; and a smoothed copy."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from capture_app.common.optional_packages import load_optional
+from capture_app.session.files.durable import write_atomic
+from reconstruction.common.geometry import Array
+from reconstruction.methods.people.people_run import Person
+from reconstruction.methods.people.skeletons import Skeleton
+
+COLUMNS = ("time_s", "person", "joint", "x", "y", "z", "error_95", "cameras", "reprojection_px")
+
+
+def write_table(path: Path, times_s: Array, skeleton: Skeleton, people: Sequence[Person]) -> None:
+    """Write a row for each known joint: time, person, joint, x, y, z, error (95 %), cameras, reprojection."""
+    lines = [",".join(COLUMNS)]
+    for number, person in enumerate(people, 1):
+        for row, joint in zip(*np.nonzero(np.isfinite(person.error)), strict=True):
+            x, y, z = person.positions[row, joint]
+            lines.append(
+                f"{times_s[row]:.6f},{number},{skeleton.joints[joint]},{x:.6g},{y:.6g},{z:.6g},"
+                f"{person.error[row, joint]:.4g},{person.cameras[row, joint]},"
+                f"{person.residual_px[row, joint]:.3g}"
+            )
+    write_atomic(path, ("\n".join(lines) + "\n").encode())
+
+
+def rate_of(times_s: Array) -> float:
+    """Return the mean rate of times, Hz; 1 for a single one."""
+    return float((len(times_s) - 1) / (times_s[-1] - times_s[0])) if len(times_s) > 1 else 1.0
+
+
+def write_trc(path: Path, times_s: Array, joints: Sequence[str], positions: Array, unit: str) -> None:
+    """Write positions (times, joints, 3) with y up as OpenSim's TRC; gaps are empty."""
+    rate, number = f"{rate_of(times_s):.6g}", len(times_s)
+    columns = [f"{axis}{joint}" for joint in range(1, len(joints) + 1) for axis in "XYZ"]
+    lines = [
+        f"PathFileType\t4\t(X/Y/Z)\t{path.name}",
+        "DataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\tOrigDataRate\tOrigDataStartFrame\tOrigNumFrames",
+        f"{rate}\t{rate}\t{number}\t{len(joints)}\t{unit}\t{rate}\t1\t{number}",
+        "Frame#\tTime\t" + "\t\t\t".join(joints) + "\t\t",
+        "\t\t" + "\t".join(columns),
+        "",
+    ]
+    for row, (at_s, place) in enumerate(zip(times_s, positions.reshape(number, -1), strict=True), 1):
+        values = ["" if np.isnan(value) else f"{value:.6f}" for value in place]
+        lines.append("\t".join([f"{row}", f"{at_s:.6f}", *values]))
+    write_atomic(path, ("\n".join(lines) + "\n").encode())
+
+
+def write_c3d(path: Path, times_s: Array, joints: Sequence[str], positions: Array, unit: str) -> None:
+    """Write positions (times, joints, 3) with y up as C3D; a gap's residual is -1.
+
+    C3D stores residuals as whole numbers of its unit, so that errors are in the table alone.
+
+    Raises:
+        NotAvailableError: ezc3d is not installed.
+    """
+    ezc3d = load_optional("ezc3d", "people", "C3D")
+    known = np.isfinite(positions[..., 0])
+    file = ezc3d.c3d()
+    points = np.ones((4, len(joints), len(times_s)))
+    points[:3] = positions.transpose(2, 1, 0)
+    file["data"]["points"] = points
+    file["data"]["meta_points"]["residuals"] = np.where(known, 0, -1).T[None]
+    for name, value in (
+        ("RATE", [rate_of(times_s)]),
+        ("LABELS", tuple(joints)),
+        ("UNITS", [unit]),
+        ("X_SCREEN", ["+X"]),
+        ("Y_SCREEN", ["+Y"]),
+    ):
+        file.add_parameter("POINT", name, value)
+    file.write(str(path))
+
+
+def smoothed(positions: Array, rate_hz: float, cutoff_hz: float) -> Array:
+    """Return positions (times, joints, 3) after a Butterworth low pass of second order, forth and back.
+
+    Gaps stay gaps; each run of known positions is filtered by itself, extended by its reflection. Runs of
+    under four positions stay as they are. Bilinear transform after Winter, Biomechanics (2009), 2.4.
+    """
+    # Forth and back, the gain of 0.5 ** 0.5 is reached at 0.802 times each pass' own frequency.
+    tangent = np.tan(np.pi * min(cutoff_hz / 0.802, 0.49 * rate_hz) / rate_hz)
+    root = np.sqrt(2) * tangent
+    gain = tangent**2 / (1 + root + tangent**2)
+    back = np.array([2 * (tangent**2 - 1), 1 - root + tangent**2]) / (1 + root + tangent**2)
+
+    def passed(values: Array) -> Array:
+        found = values.copy()
+        for k in range(2, len(values)):
+            fed = values[k] + 2 * values[k - 1] + values[k - 2]
+            found[k] = gain * fed - back[0] * found[k - 1] - back[1] * found[k - 2]
+        return found
+
+    smooth = positions.copy()
+    for joint in range(positions.shape[1]):
+        known = np.isfinite(positions[:, joint, 0])
+        edges = np.nonzero(np.diff(known.astype(int), prepend=0, append=0))[0].reshape(-1, 2)
+        for begin, end in edges:
+            run, extra = positions[begin:end, joint], min(end - begin - 1, int(2 * rate_hz / cutoff_hz) + 3)
+            if end - begin >= 4:
+                before, after = 2 * run[0] - run[extra:0:-1], 2 * run[-1] - run[-2 : -extra - 2 : -1]
+                whole = passed(np.concatenate([before, run, after]))
+                smooth[begin:end, joint] = passed(whole[::-1])[::-1][extra : extra + len(run)]
+    return smooth

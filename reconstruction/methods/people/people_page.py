@@ -1,0 +1,51 @@
+"""People in a page to walk round: bones and joints of each time, each joint as large as its error."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from reconstruction.common.camera_paths import frame_of
+from reconstruction.common.geometry import Array, View
+from reconstruction.methods.people.people_run import PeopleInTime
+from reconstruction.pages.walk_page import Drawing, write_walk_page
+
+HELD = 64
+"""Number of times that the page keeps in the GPU's memory."""
+MAX_TIMES = 2000
+"""Most times of a page: of a longer film, evenly spread ones."""
+
+
+def write_people_page(
+    out: Path, name: str, found: PeopleInTime, views: Mapping[str, View], still: Array
+) -> None:
+    """Write the page into a folder; `still` is the picture for browsers without 3D."""
+    shown = np.unique(np.linspace(0, len(found.times_s) - 1, min(len(found.times_s), MAX_TIMES)).astype(int))
+    points = np.concatenate([person.positions[np.isfinite(person.error)] for person in found.people])
+    frame = frame_of(views, np.median(points, axis=0))
+    away = np.concatenate([np.linalg.norm(points - view.centre, axis=1) for view in views.values()])
+    instants = []
+    for time in shown.tolist():
+        people = []
+        for person in found.people:
+            values = np.column_stack([person.positions[time], person.error[time]])
+            people.append([None if np.isnan(row[3]) else [round(float(v), 5) for v in row] for row in values])
+        instants.append({"instant": time, "people": people})
+    step_s = float(np.diff(found.times_s[shown]).mean()) if len(shown) > 1 else 1.0
+    write_walk_page(
+        out,
+        name,
+        frame=frame,
+        depths=(float(away.min()), float(away.max())),
+        views=views,
+        still=still,
+        period_ns=round(step_s * 1e9),
+        drawing=Drawing(
+            Path(__file__).with_name("page") / "skeletons.js",
+            instants,
+            {
+                "held": HELD,
+                "bones": found.skeleton.bones,
+            },
+        ),
+    )

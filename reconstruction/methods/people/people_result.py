@@ -1,0 +1,209 @@
+"""The result of people in 3D: its files, what is printed, and its arrays in Python."""
+
+from functools import cached_property
+from pathlib import Path
+
+import msgspec
+import numpy as np
+
+from capture_app.common.errors import BadInputError
+from capture_app.common.text import count
+from reconstruction.common.geometry import Array
+from reconstruction.common.image_files import read_image
+from reconstruction.common.outputs import Made
+from reconstruction.methods.people.people_files import (
+    COLUMNS,
+    rate_of,
+    smoothed,
+    write_c3d,
+    write_table,
+    write_trc,
+)
+from reconstruction.methods.people.people_gltf import write_gltf
+from reconstruction.methods.people.people_options import PeopleOptions
+from reconstruction.methods.people.people_page import write_people_page
+from reconstruction.methods.people.people_pictures import write_films, write_pictures, write_plots
+from reconstruction.methods.people.people_run import PeopleFinder, PeopleInTime, Person
+from reconstruction.methods.people.people_scene import (
+    UPS,
+    describe_axes,
+    find_keypoints,
+    find_people,
+    people_at,
+    up_axes,
+)
+from reconstruction.pages.walk_page import PAGE
+from reconstruction.scene.conditions import Condition
+from reconstruction.scene.provenance import Provenance
+from reconstruction.scene.scene import Scene
+
+TABLE, TRC, C3D, GLTF, SMOOTHED, PICTURES, FILMS, PLOTS = (
+    "people.csv", "trc", "c3d", "people.gltf", "smoothed", "pictures", "films", "plots",
+)  # fmt: skip
+OURS = {TABLE, TRC, C3D, GLTF, SMOOTHED, PICTURES, FILMS, PLOTS, PAGE}
+
+
+class PersonResult(msgspec.Struct, frozen=True, kw_only=True):
+    """One individual, numbered from 1 as in the files."""
+
+    person: int
+    known: float
+    """Fraction of its joints, over all times, that are known; the others are gaps."""
+    first_s: float
+    last_s: float
+    error: float
+    """Median 95 % error of a known joint, in the calibration's unit."""
+    reprojection_px: float
+    """Median over its joints of the root mean square distance in the images."""
+    cameras: float
+    """Mean number of cameras that a known joint is from."""
+
+
+class PeopleResult(Provenance, frozen=True, kw_only=True):
+    """People in 3D; written to people.json and printed by --json."""
+
+    session: str
+    source: str
+    """What found the joints in images."""
+    condition: str
+    unit: str
+    axes: str
+    """Axes of TRC, C3D and glTF; the table has the calibration's own."""
+    cameras: tuple[str, ...]
+    joints: tuple[str, ...]
+    times: int
+    rate_hz: float
+    noise_px: float
+    """Median standard deviation of a joint's pixel, as the residuals show it."""
+    moved_ms: float
+    """Median time from the nearest frame to the instant, over which joints were interpolated."""
+    moved_px: float
+    """95th percentile of how far joints moved in that time."""
+    people: tuple[PersonResult, ...]
+    left_out: dict[str, str]
+    remarks: tuple[str, ...] = ()
+
+
+class MadePeople(Made[PeopleResult]):
+    """People in 3D, with arrays by joint."""
+
+    @cached_property
+    def times_s(self) -> Array:
+        """Times (n,) at which a joint of anybody is known, s since the session's first instant."""
+        return np.unique(self._rows["time_s"])
+
+    def positions(self, person: int = 1) -> Array:
+        """Return positions (n, joints, 3) of a person, in the calibration's axes and unit; NaN = unknown."""
+        return np.stack([self._of(person, axis) for axis in "xyz"], axis=2)
+
+    def errors(self, person: int = 1) -> Array:
+        """Return the 95 % errors (n, joints) of a person's positions; NaN = unknown."""
+        return self._of(person, "error_95")
+
+    def _of(self, person: int, column: str) -> Array:
+        own = self._rows[self._rows["person"] == person]
+        names = {name: place for place, name in enumerate(self.result.joints)}
+        values = np.full((len(self.times_s), len(names)), np.nan)
+        joints = [names[name] for name in own["joint"]]
+        values[np.searchsorted(self.times_s, own["time_s"]), joints] = own[column]
+        return values
+
+    @cached_property
+    def _rows(self) -> Array:
+        kinds = [(name, "U64" if name == "joint" else "f8") for name in COLUMNS]
+        return np.loadtxt(self.folder / TABLE, kinds, delimiter=",", skiprows=1, ndmin=1)
+
+
+def save_people(scene: Scene, condition: Condition, folder: Path, method: PeopleOptions) -> PeopleResult:
+    """Locate the people of a session, and write them in all formats into a folder.
+
+    Raises:
+        NotApplicableError: nobody is seen by two cameras.
+        SimulshotError: there are no joints, no calibration, or no such instants.
+    """
+    if method.up not in UPS:
+        raise BadInputError(f"--up {method.up} is not an axis", hint=", ".join(UPS))
+    finder = find_people(scene, method)
+    found = people_at(scene, finder, condition, method)
+    method.progress.step(f"{count(len(found.people), 'individual')} at {len(found.times_s)} times")
+    rotation = up_axes(scene, method.up)
+    _write(folder, scene, found, rotation, method)
+    return PeopleResult(
+        session=scene.dataset.name,
+        source=find_keypoints(scene, method).source,
+        condition=condition.name,
+        unit=scene.unit,
+        axes=describe_axes(rotation),
+        cameras=finder.names,
+        joints=found.skeleton.joints,
+        times=len(found.times_s),
+        rate_hz=round(rate_of(found.times_s), 4),
+        noise_px=round(found.noise_px, 3),
+        moved_ms=round(found.moved_ms, 4),
+        moved_px=round(found.moved_px, 3),
+        people=tuple(_summary(k, person, found.times_s) for k, person in enumerate(found.people, 1)),
+        left_out=_left_out(finder),
+        remarks=tuple(_remarks(finder)),
+    )
+
+
+def _write(folder: Path, scene: Scene, found: PeopleInTime, rotation: Array, options: PeopleOptions) -> None:
+    times_s, joints = found.times_s, found.skeleton.joints
+    write_table(folder / TABLE, times_s, found.skeleton, found.people)
+    upright = [person.positions @ rotation.T for person in found.people]
+    for name in (TRC, C3D, *([SMOOTHED] if options.smooth else [])):
+        (folder / name).mkdir()
+    for number, positions in enumerate(upright, 1):
+        name = f"person{number}"
+        write_trc(folder / TRC / f"{name}.trc", times_s, joints, positions, scene.unit)
+        write_c3d(folder / C3D / f"{name}.c3d", times_s, joints, positions, scene.unit)
+        if options.smooth:
+            smooth = smoothed(positions, rate_of(times_s), options.smooth)
+            write_trc(folder / SMOOTHED / f"{name}.trc", times_s, joints, smooth, scene.unit)
+    write_gltf(folder / GLTF, times_s, found.skeleton, upright)
+    write_plots(folder / PLOTS, found, rotation[1], scene.unit)
+    write_pictures(folder / PICTURES, scene.dataset, scene.views, found)
+    if found.people:
+        still = read_image(next(iter(sorted((folder / PICTURES).iterdir()))))
+        write_people_page(folder, scene.dataset.name, found, scene.views, still)
+    if options.film:
+        options.progress.step("films")
+        write_films(folder / FILMS, scene.dataset, scene.views, found)
+
+
+def _summary(number: int, person: Person, times_s: Array) -> PersonResult:
+    known = np.isfinite(person.error)
+    seen = times_s[known.any(axis=1)]
+    return PersonResult(
+        person=number,
+        known=round(float(known.mean()), 4),
+        first_s=round(float(seen[0]), 6),
+        last_s=round(float(seen[-1]), 6),
+        error=float(f"{np.median(person.error[known]):.4g}"),
+        reprojection_px=round(float(np.median(person.residual_px[known])), 3),
+        cameras=round(float(person.cameras[known].mean()), 3),
+    )
+
+
+def _left_out(finder: PeopleFinder) -> dict[str, str]:
+    """Return the cameras that show nobody whom another camera confirms, each with the reason."""
+    left_out = dict[str, str]()
+    for number, name in enumerate(finder.names):
+        if not any(track.camera == number for tracks in finder.people for track in tracks):
+            seen = any(track.camera == number for track in finder.tracks)
+            left_out[name] = (
+                "whom it sees fits no other camera: is its calibration its own, and its picture not mirrored?"
+                if seen
+                else "nobody is seen in it"
+            )
+    return left_out
+
+
+def _remarks(finder: PeopleFinder) -> list[str]:
+    """Return what a person should know of the result."""
+    alone = sum(len(group) for group in finder.alone)
+    return (
+        [f"{count(alone, 'track')} of single cameras left out: no second camera confirms them"]
+        if alone
+        else []
+    )

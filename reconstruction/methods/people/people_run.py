@@ -1,0 +1,276 @@
+"""People of a session in 3D, at its instants or at any other times."""
+
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from capture_app.session.format.manifest import row_exposures
+from reconstruction.common.geometry import Array, View
+from reconstruction.methods.people.joint_positions import locate, radius_95
+from reconstruction.methods.people.joint_tracks import (
+    PixelsAt,
+    Track,
+    follow_in_camera,
+    interpolate,
+    size_of,
+    stack,
+    track_times,
+)
+from reconstruction.methods.people.keypoints import CameraJoints, Keypoints
+from reconstruction.methods.people.person_matching import match_tracks
+from reconstruction.methods.people.skeletons import Skeleton
+from reconstruction.scene.conditions import evenly_spaced
+from reconstruction.scene.dataset import Dataset
+
+MATCHED_TIMES = 60
+"""Number of times, spread over the session, at which tracks are compared."""
+SIGMAS_95 = 1.96
+FIRST_NOISE = 0.012
+"""Standard deviation of a pixel before residuals show it, relative to the size of the individual."""
+AROUND = 4
+"""Times before and after one whose positions say which cameras to believe."""
+NOISE_ROUNDS = 4
+MIN_RESIDUALS = 20
+"""Number of positions from which on a joint has a noise of its own."""
+MIN_JOINTS, MIN_TIMES = 0.2, 3
+"""Fraction of joints that an individual needs at a time, and number of such times."""
+
+
+class CameraFrames(NamedTuple):
+    """A camera's view, the times of its frames and rows, and the joints in them.
+
+    `frame_s` (frames,) are since the first instant, NaN without a frame; `row_s` is the time from row to row;
+    `error_s` the standard deviation of its times.
+    """
+
+    view: View
+    frame_s: Array
+    row_s: float
+    error_s: float
+    joints: CameraJoints
+
+
+def camera_frames(
+    dataset: Dataset, views: Mapping[str, View], keypoints: Keypoints
+) -> dict[str, CameraFrames]:
+    """Return the frames of all calibrated cameras, with their joints.
+
+    A joint's time is the middle of its row's exposure if all cameras report it, else its frame's. An
+    instant is then the middle of the exposures of the images' middle rows.
+    """
+    names = [name for name in views if name in keypoints.cameras]
+    cameras = {name: dataset.session.camera(name) for name in names}
+    records = {name: {k: dataset.record(name, k) for k in dataset.instants(name)} for name in names}
+    rows = {
+        name: {k: row_exposures(cameras[name], one) for k, one in of.items()} for name, of in records.items()
+    }
+    middles_ns = [
+        one.middle_ns(one.rows // 2) - records[name][k].leader_ns
+        for name, of in rows.items()
+        for k, one in of.items()
+        if one is not None
+    ]
+    knows_rows = bool(middles_ns) and len(middles_ns) == sum(map(len, records.values()))
+    middle_ns = float(np.median(middles_ns)) if knows_rows else 0.0
+    found = dict[str, CameraFrames]()
+    for name in names:
+        frame_s, row_s = np.full(len(dataset.instants_ns), np.nan), 0.0
+        for k, record in records[name].items():
+            exposures = rows[name][k] if knows_rows else None
+            at_ns = record.leader_ns if exposures is None else exposures.middle_ns(0)
+            frame_s[k] = (at_ns - middle_ns - dataset.instants_ns[0]) / 1e9
+            if exposures is not None:
+                row_s = exposures.row_time_ns / 1e9 * exposures.rows / views[name].height
+        error_s = (
+            max((one.uncertainty_ns or 0 for one in records[name].values()), default=0) / 1e9 / SIGMAS_95
+        )
+        found[name] = CameraFrames(views[name], frame_s, row_s, error_s, keypoints.cameras[name])
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class Person:
+    """One individual at all times: positions (times, joints, 3), NaN = unknown, in the calibration's unit.
+
+    `error` is the radius that holds the true position in 95 % of cases, `residual_px` the root mean square
+    distance of the pixels from the position's, weighted as the position is, and `cameras` how many it is
+    from; each (times, joints).
+    """
+
+    positions: Array
+    error: Array
+    residual_px: Array
+    cameras: Array
+
+
+@dataclass(frozen=True, eq=False)
+class PeopleInTime:
+    """The people of a session at times (n,), s since its first instant."""
+
+    skeleton: Skeleton
+    times_s: Array
+    people: Sequence[Person]
+    noise_px: float
+    """Median standard deviation of a joint's pixel."""
+    moved_ms: float
+    """Median time from the nearest frame."""
+    moved_px: float
+    """95th percentile of the distances that joints moved in it, px."""
+
+
+class PeopleFinder:
+    """Tracks of a session's individuals in all cameras, matched once; `at` locates their joints."""
+
+    def __init__(
+        self,
+        cameras: Mapping[str, CameraFrames],
+        skeleton: Skeleton,
+        period_s: float,
+        scale_error: float = 0.0,
+    ) -> None:
+        self.names, self.frames = tuple(cameras), tuple(cameras.values())
+        self.skeleton, self.period_s, self.scale_error = skeleton, period_s, scale_error
+        views = [camera.view for camera in self.frames]
+        self.projections = np.array(
+            [view.matrix @ np.column_stack([view.rotation, view.translation]) for view in views]
+        ).reshape(-1, 3, 4)
+        self.middle = np.mean([view.centre for view in views], axis=0)
+        self.tracks = [track for number, one in enumerate(self.frames) for track in _tracks(number, one)]
+        times = np.array(evenly_spaced(self._busiest_times().tolist(), MATCHED_TIMES))
+        seen = [interpolate(track, times, period_s) for track in self.tracks]
+        groups = [[self.tracks[place] for place in group] for group in match_tracks(self.tracks, seen, views)]
+        self.people = [group for group in groups if len({track.camera for track in group}) > 1]
+        self.alone = [group for group in groups if group not in self.people]
+        """Individuals that no second camera confirms."""
+
+    def _busiest_times(self) -> Array:
+        """Return the times of the camera with the most frames."""
+        times = max((one.frame_s for one in self.frames), key=lambda of: int(np.isfinite(of).sum()))
+        return np.asarray(times[np.isfinite(times)])
+
+    def at(
+        self, times_s: Array, late_s: Mapping[str, Array] | None = None, *, nearest: bool = False
+    ) -> PeopleInTime:
+        """Locate the joints of all people at times (n,), s since the first instant.
+
+        `late_s` are delays (n,) by camera: each then shows what it saw that much later. `nearest` takes the
+        nearest frames as they are.
+        """
+        late = [(late_s or {}).get(name, np.zeros(1)) for name in self.names]
+        seen = list[PixelsAt]()
+        for tracks in self.people:
+            by_camera = list[PixelsAt]()
+            for number, late_by in enumerate(late):
+                own = [track for track in tracks if track.camera == number]
+                parts = [interpolate(one, times_s + late_by, self.period_s, nearest=nearest) for one in own]
+                by_camera.append(_merged(parts, (len(times_s), len(self.skeleton.joints))))
+            seen.append(stack(by_camera))
+        noise = self._noise(seen)
+        people = [self._person(one, noise) for one in seen]
+        moved = [one.moved[np.isfinite(one.pixels[..., 0])] for one in seen]
+        away = [np.nanmin(np.abs(one.frame_s[:, None] - times_s), axis=0) for one in self.frames]
+        return PeopleInTime(
+            skeleton=self.skeleton,
+            times_s=times_s,
+            people=[person for person in people if _is_somebody(person)],
+            noise_px=float(np.median(noise)),
+            moved_ms=float(np.median(away)) * 1e3,
+            moved_px=float(np.percentile(np.concatenate(moved), 95)) if any(map(len, moved)) else 0.0,
+        )
+
+    def _variances(self, seen: PixelsAt, noise: Array) -> Array:
+        """Return the variances of pixels (cameras, times, joints), px squared, of a noise (joints,), px."""
+        confident = seen.confidence > 0
+        detected = seen.noise * (noise / np.where(confident, seen.confidence, 1.0)) ** 2
+        late = seen.speed * np.array([one.error_s for one in self.frames])[:, None, None]
+        return np.where(confident, detected + seen.bend**2 + late**2, np.inf)
+
+    def _noise(self, seen: Sequence[PixelsAt]) -> Array:
+        """Return the standard deviation (joints,) of a pixel of full confidence, as residuals show it, px.
+
+        The sum of squares of `c` cameras has 2 c - 3 degrees of freedom; medians are robust to outliers.
+        """
+        joints = len(self.skeleton.joints)
+        sizes = [size_of(one.pixels.reshape(-1, joints, 2)) for one in seen]
+        known = np.concatenate([np.zeros(0), *sizes])
+        known = known[np.isfinite(known)]
+        noise = np.full(joints, FIRST_NOISE * float(np.median(known)) if len(known) else 1.0)
+        for _ in range(NOISE_ROUNDS if len(known) else 0):
+            ratios = np.concatenate([self._ratios(one, noise) for one in seen])
+            enough = np.isfinite(ratios).sum(axis=0) >= MIN_RESIDUALS
+            pooled = float(np.nanmedian(ratios)) if np.isfinite(ratios).any() else 1.0
+            own = np.full(joints, pooled)
+            own[enough] = np.nanmedian(ratios[:, enough], axis=0)
+            noise = noise * np.sqrt(np.maximum(own, 1e-6))
+        return noise
+
+    def _ratios(self, seen: PixelsAt, noise: Array) -> Array:
+        """Return sums of squared residuals (times, joints), relative to their median if `noise` is right."""
+        shape, expected = seen.confidence.shape, self._variances(seen, noise)
+        found = locate(self.projections, seen.pixels.reshape(shape[0], -1, 2), expected.reshape(shape[0], -1))
+        squared = np.nansum((found.residuals**2).sum(axis=2) / expected.reshape(shape[0], -1), axis=0)
+        freedom = np.maximum(2 * found.used.sum(axis=0) - 3, 1)
+        # The median of a chi-squared distribution, by Wilson and Hilferty.
+        ratios = squared / (freedom * (1 - 2 / (9 * freedom)) ** 3)
+        return np.where(found.used.any(axis=0), ratios, np.nan).reshape(shape[1:])
+
+    def _person(self, seen: PixelsAt, noise: Array) -> Person:
+        shape, variances = seen.confidence.shape, self._variances(seen, noise)
+        cameras = shape[0]
+        given = self.projections, seen.pixels.reshape(cameras, -1, 2), variances.reshape(cameras, -1)
+        first = locate(*given).points
+        # Where cameras disagree, those are believed that agree with the times around.
+        near = _running_median(first.reshape(*shape[1:], 3)).reshape(-1, 3)
+        found = locate(*given, near)
+        if (lost := np.isnan(found.points[:, :1]) & np.isfinite(first)).any():
+            found = locate(*given, np.where(lost, first, near))
+        away = found.points - self.middle
+        covariance = found.covariance + self.scale_error**2 * away[:, :, None] * away[:, None]
+        unknown = np.isnan(found.points[:, 0])
+        return Person(
+            positions=found.points.reshape(*shape[1:], 3),
+            error=np.where(unknown, np.nan, radius_95(covariance)).reshape(shape[1:]),
+            residual_px=np.where(unknown, np.nan, found.residual_px).reshape(shape[1:]),
+            cameras=found.used.sum(axis=0).reshape(shape[1:]),
+        )
+
+
+def _tracks(number: int, camera: CameraFrames) -> list[Track]:
+    """Return the tracks of one camera's individuals, without what lies outside its images."""
+    view, tracks = camera.view, list[Track]()
+    for pixels, confidence in follow_in_camera(camera.joints, len(camera.frame_s)):
+        inside = ((pixels > -0.5) & (pixels < np.array([view.width, view.height]) - 0.5)).all(axis=2)
+        inside &= np.isfinite(camera.frame_s)[:, None]
+        pixels[~inside], confidence[~inside] = np.nan, 0.0
+        times = track_times(camera.frame_s, camera.row_s, pixels)
+        pixels[inside] = view.undistort(pixels[inside])
+        tracks.append(Track(number, times, pixels, confidence))
+    return tracks
+
+
+def _merged(parts: Sequence[PixelsAt], shape: tuple[int, int]) -> PixelsAt:
+    """Return one camera's pixels of an individual from its tracks, of which one at most knows each."""
+    empty = PixelsAt(np.full((*shape, 2), np.nan), *(np.zeros(shape) for _ in range(5)))
+    for part in parts:
+        known = np.isfinite(part.pixels[..., 0])
+        for whole, own in zip(empty, part, strict=True):
+            whole[known] = own[known]
+    return empty
+
+
+def _running_median(points: Array) -> Array:
+    """Return the medians (times, joints, 3) of known points over `AROUND` times before and after each."""
+    padded = np.full((len(points) + 2 * AROUND, *points.shape[1:]), np.nan)
+    padded[AROUND : AROUND + len(points)] = points
+    windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * AROUND + 1, axis=0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)
+        return np.asarray(np.nanmedian(windows, axis=3))
+
+
+def _is_somebody(person: Person) -> bool:
+    enough = np.isfinite(person.error).mean(axis=1) >= MIN_JOINTS
+    return bool(enough.sum() >= min(MIN_TIMES, len(enough)))

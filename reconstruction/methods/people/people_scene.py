@@ -1,0 +1,140 @@
+"""People of a session: its joints, found or read, and where they are under a condition."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from capture_app.common.errors import NotApplicableError
+from reconstruction.common.geometry import Array
+from reconstruction.methods.people.keypoints import Keypoints, detect_people
+from reconstruction.methods.people.people_options import PeopleOptions
+from reconstruction.methods.people.people_run import PeopleFinder, PeopleInTime, camera_frames
+from reconstruction.methods.people.skeletons import Skeleton
+from reconstruction.scene.conditions import SYNCHRONIZED, Condition
+from reconstruction.scene.instant_choice import instants_shown
+from reconstruction.scene.scene import Scene
+
+UPS = ("auto", "x", "y", "z", "-x", "-y", "-z")
+"""Values of `--up`."""
+
+
+class PeopleInstant(NamedTuple):
+    """The people of one instant: positions (people, joints, 3), NaN = unknown, and what each is from.
+
+    `residual_px` and `cameras` are (people, joints).
+    """
+
+    instant: int
+    skeleton: Skeleton
+    positions: Array
+    error: Array
+    residual_px: Array
+    cameras: Array
+
+
+def find_keypoints(scene: Scene, method: PeopleOptions) -> Keypoints:
+    """Return the joints in a session's images: read from files, or detected once for all runs of a scene.
+
+    Raises:
+        SimulshotError: files cannot be read, or the detector is not there.
+    """
+    cameras = list(scene.views)
+    if method.keypoints is not None:
+        from reconstruction.methods.people.joint_files import read_keypoints
+
+        return read_keypoints(Path(method.keypoints), scene.dataset, cameras)
+    key = "keypoints", method.detector, method.model
+    return scene.once(
+        key, lambda: detect_people(scene.dataset, cameras, method.detector, method.model, method.progress)
+    )
+
+
+def find_people(scene: Scene, method: PeopleOptions) -> PeopleFinder:
+    """Match the individuals of all cameras.
+
+    Raises:
+        NotApplicableError: fewer than two cameras are calibrated, or nobody is seen by two of them.
+        SimulshotError: there are no joints, or no calibration.
+    """
+    scene.dataset.require_cameras(2, "a joint in 3D needs two cameras that see it")
+    if len(scene.views) < 2:
+        raise NotApplicableError(
+            f"only {' and '.join(scene.views) or 'no camera'} is calibrated; a joint in 3D needs two cameras",
+            hint="calibrate the session: reconstruct calibrate SESSION",
+        )
+    keypoints = find_keypoints(scene, method)
+    period_s = scene.dataset.period_ns / 1e9
+    frames = camera_frames(scene.dataset, scene.views, keypoints)
+    finder = PeopleFinder(frames, keypoints.skeleton, period_s, scene.scale_error)
+    if not finder.people:
+        seen = {finder.names[track.camera] for track in finder.tracks}
+        what = f"somebody is seen by {' and '.join(sorted(seen))}, but" if seen else "nobody is seen:"
+        raise NotApplicableError(
+            f"{what} no two cameras see the same person",
+            hint="two cameras at least must see a person whole, from different sides",
+        )
+    return finder
+
+
+def people_at(
+    scene: Scene, finder: PeopleFinder, condition: Condition, method: PeopleOptions
+) -> PeopleInTime:
+    """Locate people at the instants that a method names, or at its rate, under a condition."""
+    dataset = scene.dataset
+    chosen = dataset.chosen_instants(method.instants)
+    instants_s = (np.array(dataset.instants_ns, np.int64) - dataset.instants_ns[0]) / 1e9
+    times_s = instants_s[chosen]
+    if method.rate is not None:
+        times_s = np.arange(times_s[0], times_s[-1] + 1e-9, 1 / method.rate)
+    late_s = dict[str, Array]()
+    if condition != SYNCHRONIZED:
+        nearest = np.abs(instants_s[:, None] - times_s).argmin(axis=0)
+        shown = [instants_shown(dataset, condition, int(k)) for k in nearest]
+        late_s = {
+            name: np.array(
+                [instants_s[one[name]] - instants_s[k] for k, one in zip(nearest, shown, strict=True)]
+            )
+            for name in finder.names
+        }
+    return finder.at(times_s, late_s, nearest=method.nearest)
+
+
+def instants_of_people(scene: Scene, condition: Condition, method: PeopleOptions) -> Iterator[PeopleInstant]:
+    """Yield the people at each of a method's instants."""
+    finder = scene.once(
+        ("people", method.keypoints, method.detector, method.model), lambda: find_people(scene, method)
+    )
+    found = people_at(scene, finder, condition, method)
+    for number, instant in enumerate(scene.dataset.chosen_instants(method.instants)):
+        yield PeopleInstant(
+            instant,
+            found.skeleton,
+            np.array([person.positions[number] for person in found.people]),
+            np.array([person.error[number] for person in found.people]),
+            np.array([person.residual_px[number] for person in found.people]),
+            np.array([person.cameras[number] for person in found.people]),
+        )
+
+
+def up_axes(scene: Scene, up: str) -> Array:
+    """Return the rotation (3, 3) into right-handed axes with y up: the calibration's, permuted.
+
+    `up` is the calibration's axis that points up; `auto` is the one nearest to the cameras' own.
+    """
+    if up == "auto":
+        upwards = -np.mean([view.rotation[1] for view in scene.views.values()], axis=0)
+        axis = int(np.abs(upwards).argmax())
+        sign = float(np.sign(upwards[axis]))
+    else:
+        axis, sign = "xyz".index(up[-1]), -1.0 if up.startswith("-") else 1.0
+    rows = np.eye(3)[[(axis + 2) % 3, axis, (axis + 1) % 3]]
+    return np.asarray(rows * np.array([1.0, sign, sign])[:, None])
+
+
+def describe_axes(rotation: Array) -> str:
+    """Describe `up_axes` for people: which axis of the calibration each of the file's is."""
+    signs = {1: "", -1: "-"}
+    named = [f"{signs[int(row[np.abs(row).argmax()])]}{'xyz'[int(np.abs(row).argmax())]}" for row in rotation]
+    return f"x = {named[0]}, y (up) = {named[1]}, z = {named[2]} of the calibration"

@@ -1,0 +1,83 @@
+"""Joints of people in synchronized and in delayed images: reprojection, bones, and the distance of both."""
+
+from typing import Any
+
+import numpy as np
+
+from reconstruction.common.geometry import Array
+from reconstruction.method.comparison_results import CompareResult
+from reconstruction.method.phrases import EACH_DELAYED
+from reconstruction.method.score import UNASKED, Score
+from reconstruction.method.study_result import StudyResult
+from reconstruction.method.tally import CONDITIONS, Measurements
+from reconstruction.method.words import read_words
+from reconstruction.methods.people.people_method import PeopleMethod
+from reconstruction.methods.people.people_scene import PeopleInstant
+from reconstruction.scene.conditions import Condition
+from reconstruction.scene.instant_choice import ShownInstant
+
+WORSE = 1.1
+"""Ratio of reprojection errors from which on the conditions clearly differ."""
+
+
+class PeopleStudy(Score):
+    """People in 3D in both conditions, by the same joints in images: only their times differ."""
+
+    text = read_words(__package__)
+    needs_calibration = True
+    min_cameras = 2
+    Options = PeopleMethod
+
+    @classmethod
+    def verdict(cls, result: CompareResult, found: StudyResult[Any]) -> str:
+        """Return by how much joints of delayed images are off, if that is clear; see `Score.verdict`."""
+        moved, errors = found.value("moved", "offset"), found.first_known("reprojection_px")
+        if moved is None or errors is None or errors[2] < WORSE * errors[1]:
+            return ""
+        when = "pictures of one instant" if result.together(found.cameras) else "the pictures as recorded"
+        return (
+            f"Joints of people in {when} fit the cameras to {errors[1]:.1f} px; with {EACH_DELAYED}, to "
+            f"{errors[2]:.1f} px, and they are {moved:.3g} units of the calibration elsewhere."
+        )
+
+    @property
+    def steps(self) -> int:
+        """Maximum number of progress lines: one for each camera, if people are asked for."""
+        return 0 if self.unasked() else len(self.dataset.cameras)
+
+    def unasked(self) -> str:
+        """Return a reason unless people are asked for, as a detector takes a while; see `Score.unasked`."""
+        asked = self.options.people or self.text.name in self.context.studies
+        return "" if asked else f"{UNASKED} (--people makes it)"
+
+    def prepare(self) -> None:
+        """Choose all calibrated cameras."""
+        self.cameras = tuple(name for name in self.dataset.cameras if name in self.scene.views)
+
+    def compare(self, condition: Condition, folder: Any = None) -> StudyResult[Any]:
+        """Compare a condition; see `Score.compare`."""
+        self._synced = dict[int, PeopleInstant]()
+        return super().compare(condition, folder)
+
+    def measure_instant(self, result: PeopleInstant, one: ShownInstant, side: str) -> Measurements:
+        """Measure one instant: reprojection, cameras that agree, bones, and how far joints moved."""
+        if side == CONDITIONS[0]:
+            self._synced[result.instant] = result
+        synced = self._synced[result.instant]
+        known, lengths, usual = np.isfinite(result.error), _bones(result), _bones(synced)
+        measured = Measurements(
+            shares={"agreeing": (int(result.cameras[known].sum()), int(known.sum()) * len(self.cameras))},
+            medians={"reprojection_px": result.residual_px[known]},
+        )
+        if known.shape == synced.error.shape:
+            apart = np.linalg.norm(result.positions - synced.positions, axis=2)
+            measured.medians["moved"] = apart[np.isfinite(apart)]
+            changed = np.abs(lengths / usual - 1)
+            measured.medians["bones"] = changed[np.isfinite(changed)]
+        return measured
+
+
+def _bones(result: PeopleInstant) -> Array:
+    """Return the lengths (people, bones)."""
+    a, b = np.array(result.skeleton.bones, int).reshape(-1, 2).T
+    return np.asarray(np.linalg.norm(result.positions[:, a] - result.positions[:, b], axis=2))

@@ -1,0 +1,80 @@
+"""Which tracks of several cameras are one individual: by epipolar distances of all joints over time."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from reconstruction.common.geometry import Array, View, other_from_reference
+from reconstruction.methods.people.joint_tracks import RELIABLE, PixelsAt, Track, overlap, size_of, stack
+
+MAX_DISTANCE = 0.06
+"""Largest epipolar distance of one individual's tracks, relative to its size in the images."""
+MIN_SHARED = 4
+"""Fewest joints, over all times, by which two tracks are compared."""
+
+
+def match_tracks(tracks: Sequence[Track], seen: Sequence[PixelsAt], views: Sequence[View]) -> list[list[int]]:
+    """Return the individuals, each as the numbers of its tracks, those of the most frames first.
+
+    `seen` is where the tracks are at some common times, `views` are the cameras'. Groups of tracks are merged
+    by average distance, the nearest first; a camera never has an individual twice in a frame.
+    """
+    number = len(tracks)
+    costs = _distances(tracks, seen, views)
+    groups = {place: [place] for place in range(number)}
+    apart = np.array([[overlap(a, b) for b in tracks] for a in tracks]).reshape(number, number)
+    np.fill_diagonal(apart, True)
+    sums, counts = np.nan_to_num(costs), np.isfinite(costs).astype(float)
+    while number > 1:
+        with np.errstate(invalid="ignore", divide="ignore"):
+            mean = np.where((counts > 0) & ~apart, sums / counts, np.inf)
+        first, second = (int(index) for index in np.unravel_index(int(mean.argmin()), mean.shape))
+        if mean[first, second] > MAX_DISTANCE:
+            break
+        groups[first] += groups.pop(second)
+        for matrix in (sums, counts):
+            matrix[first] += matrix[second]
+            matrix[:, first] += matrix[:, second]
+        apart[first] |= apart[second]
+        apart[:, first] |= apart[:, second]
+        apart[second], apart[:, second] = True, True
+    return sorted(groups.values(), key=lambda group: -sum(int(tracks[n].frames.sum()) for n in group))
+
+
+def _distances(tracks: Sequence[Track], seen: Sequence[PixelsAt], views: Sequence[View]) -> Array:
+    """Return the median epipolar distance of each two tracks of different cameras, relative to their sizes.
+
+    NaN where they share too few joints.
+    """
+    costs = np.full((len(tracks), len(tracks)), np.nan)
+    if not tracks:
+        return costs
+    at = stack(seen)
+    homogeneous = np.concatenate([at.pixels, np.ones((*at.pixels.shape[:3], 1))], axis=3)
+    reliable = (at.confidence > RELIABLE) & np.isfinite(at.pixels[..., 0])
+    sizes = np.stack([size_of(one.pixels) for one in seen])
+    for first, a in enumerate(tracks):
+        for second in range(first + 1, len(tracks)):
+            b = tracks[second]
+            both = reliable[first] & reliable[second]
+            if a.camera == b.camera or both.sum() < MIN_SHARED:
+                continue
+            fundamental = _fundamental(views[a.camera], views[b.camera])
+            x, y = homogeneous[first][both], homogeneous[second][both]
+            line_b, line_a = x @ fundamental.T, y @ fundamental
+            across = np.abs((y * line_b).sum(axis=1))
+            moment = np.nonzero(both)[0]
+            distances = [
+                across / np.maximum(np.linalg.norm(line[:, :2], axis=1), 1e-12) / sizes[track][moment]
+                for line, track in ((line_a, first), (line_b, second))
+            ]
+            costs[first, second] = costs[second, first] = float(np.median(np.maximum(*distances)))
+    return costs
+
+
+def _fundamental(first: View, second: View) -> Array:
+    """Return the matrix that maps a pixel of the first view to its epipolar line in the second."""
+    rotation, translation = other_from_reference(first, second)
+    x, y, z = translation
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.asarray(np.linalg.inv(second.matrix).T @ cross @ rotation @ np.linalg.inv(first.matrix))

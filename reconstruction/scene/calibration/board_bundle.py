@@ -1,0 +1,410 @@
+"""Bundle adjustment over boards, with as many lens terms as the corners bear, and the errors of the result.
+
+It is Levenberg-Marquardt on a Huber loss (Triggs et al., Bundle Adjustment - A Modern Synthesis, 2000), with
+OpenCV's derivatives. The errors of OpenCV 5's own `calibrateMultiview` were 3 to 100 times larger on the same
+simulated boards once corners were misread.
+"""
+
+import math
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace as replace_struct
+
+from capture_app.session.format.lens import Lens
+from reconstruction.common.geometry import Array, View
+
+HUBER_PX = 1.0
+"""Residual beyond which a corner counts less and less: it was probably misread."""
+MAX_STEPS = 30
+ENOUGH = 1e-5
+"""Relative decrease of the loss below which the adjustment stops."""
+LENS = 9
+"""Number of lens parameters: fx, fy, cx, cy, then k1, k2, p1, p2, k3 or a fisheye's k1 to k4."""
+CAMERA = LENS + 6
+"""Number of a camera's parameters: its lens, rotation vector and translation."""
+SIMPLE = frozenset(range(6))
+"""Parameters of the first adjustment: few boards, or boards at one angle, do not determine higher terms."""
+GROUPS = {False: ((8,), (6, 7), (5,)), True: ((7,), (6,), (5,))}
+"""Terms that are left out together, in this order, of a perspective lens and of a fisheye."""
+USUAL_CENTRE = 0.1
+"""Standard deviation of lenses' principal points from the middle of the picture, in its longer side."""
+USUAL_BEND, USUAL_FISHEYE_BEND, USUAL_TANGENTIAL = 0.3, 0.1, 0.01
+"""Standard deviation of a term's shift of the picture's corner, in the corner's distance from the middle."""
+MIN_NOISE_PX = 0.02
+"""Minimum noise of corners that is assumed."""
+LARGE_PERCENT, LARGE_PX = 1.0, 3.0
+"""Errors of the focal length, and of the distortion in the corner, that call for a better recording."""
+CONTRADICTION = 1.5
+"""Residual of all cameras' corners together, relative to each alone, above which they contradict."""
+SURE = 1.96
+"""Standard deviations of a 95 % error."""
+
+Sightings = Mapping[tuple[str, int], tuple[Array, Array]]
+"""Board corners by camera and moment: places on the board (n, 3; m) and pixels (n, 2)."""
+
+
+class CameraErrors(Struct, frozen=True, kw_only=True):
+    """95 % errors of a camera's calibration by the covariance of the bundle adjustment."""
+
+    focal_percent: float
+    centre_px: float
+    """Error of the principal point."""
+    border_px: float
+    """Error of the distortion at the corner of the picture."""
+    turn_deg: float
+    """Error of the rotation, relative to the first camera."""
+    move_mm: float
+    """Error of the position, relative to the first camera."""
+
+    def __str__(self) -> str:
+        """Describe the errors, and what would make them smaller."""
+        remedies = ["tilt the board more" if self.focal_percent > LARGE_PERCENT else ""]
+        remedies += ["move it to the corners of the picture" if self.border_px > LARGE_PX else ""]
+        advice = f": {' and '.join(filter(None, remedies))}" if any(remedies) else ""
+        pose = (
+            f", turned ± {self.turn_deg:.2g} degrees, moved ± {self.move_mm:.2g} mm" if self.move_mm else ""
+        )
+        return (
+            f"focal length ± {self.focal_percent:.2g} %, principal point ± {self.centre_px:.2g} px, "
+            f"distortion in the corner ± {self.border_px:.2g} px{pose} (95 %){advice}"
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Bundle:
+    """Views that fit all corners together, and the errors of each."""
+
+    views: dict[str, View]
+    errors: dict[str, CameraErrors]
+    rms_px: float
+    """Root mean square of the corners' residuals, each coordinate; misread ones count less."""
+    apart_px: float | None = None
+    """That of each camera's corners alone, if the cameras contradict each other; lenses are from these."""
+
+
+def adjust_bundle(
+    views: Mapping[str, View], seen: Sightings, keep_lenses: frozenset[str] = frozenset()
+) -> Bundle:
+    """Fit all views to all corners together; the first view's pose and lenses in `keep_lenses` stay fixed.
+
+    A lens has the terms that improve the fit by more than chance (Schwarz's criterion, 1978, by the fit with
+    all).
+    If the cameras contradict each other, because the board moved between their images or is bent, each lens
+    is fitted to its own camera's corners.
+    """
+    together = _fit(views, seen, keep_lenses)
+    if len(views) < 2 or keep_lenses >= views.keys():
+        return together
+    own_seen = {name: {key: at for key, at in seen.items() if key[0] == name} for name in views}
+    alone = {
+        name: _fit({name: view}, own_seen[name], keep_lenses & {name})
+        for name, view in views.items()
+        if own_seen[name]
+    }
+    apart_px = float(np.sqrt(np.mean([one.rms_px**2 for one in alone.values()])))
+    if together.rms_px < CONTRADICTION * max(apart_px, MIN_NOISE_PX):
+        return together
+    lenses = {
+        name: replace(
+            view, matrix=alone[name].views[name].matrix, distortion=alone[name].views[name].distortion
+        )
+        if name in alone
+        else view
+        for name, view in views.items()
+    }
+    placed = _fit(lenses, seen, frozenset(views))
+    errors = {
+        name: replace_struct(
+            alone[name].errors[name],
+            turn_deg=placed.errors[name].turn_deg,
+            move_mm=placed.errors[name].move_mm,
+        )
+        for name in alone
+    }
+    return Bundle(placed.views, errors, placed.rms_px, apart_px)
+
+
+def _fit(views: Mapping[str, View], seen: Sightings, keep_lenses: frozenset[str]) -> Bundle:
+    """Fit views to corners, with the terms of each lens that the corners bear."""
+    fitted = {name: frozenset() if name in keep_lenses else SIMPLE for name in views}
+    simple = Adjustment(views, seen, fitted)
+    whole = {
+        name: frozenset() if name in keep_lenses else frozenset(range(8 if view.is_fisheye else LENS))
+        for name, view in views.items()
+    }
+    values = simple.solve(simple.start())
+    noise_px = max(MIN_NOISE_PX, simple.rms_px(values))
+    full = Adjustment(views, seen, whole, noise_px)
+    all_terms = full.solve(values)
+    covariance = full.covariance(all_terms)
+    start, borne = all_terms.copy(), {}
+    for name, view in views.items():
+        lens = slice(full.of_camera[name], full.of_camera[name] + LENS)
+        of_lens = all_terms[lens], covariance[lens, lens]
+        needed = math.log(max(2, sum(at[1].size for key, at in seen.items() if key[0] == name)))
+        borne[name], start[lens] = _borne_terms(view.is_fisheye, whole[name], *of_lens, needed)
+    final, values = full, all_terms
+    if borne != whole:
+        final = Adjustment(views, seen, borne, noise_px)
+        values = final.solve(start)
+        # What a term that is left out would change is unknown by as much.
+        change = np.where(final.free, (all_terms - values) / SURE, 0.0)
+        covariance = final.covariance(values) + np.diag(change**2)
+    adjusted = final.views_at(values)
+    errors = {name: final.errors(name, view, covariance) for name, view in adjusted.items()}
+    return Bundle(adjusted, errors, final.rms_px(values))
+
+
+def _borne_terms(
+    is_fisheye: bool, terms: frozenset[int], lens: Array, covariance: Array, needed: float
+) -> tuple[frozenset[int], Array]:
+    """Return the terms of a lens that its corners bear, and its values without the others.
+
+    `needed`: minimum squared size of a term, in its variances.
+    """
+    kept, lens, variance = terms, lens.copy(), covariance
+    for group in GROUPS[is_fisheye] if terms else ():
+        if group == (5,) and 8 in kept:
+            break
+        where = np.ix_(group, group)
+        gain = np.linalg.solve(variance[where], lens[list(group)])
+        if float(lens[list(group)] @ gain) > needed * len(group):
+            if is_fisheye:
+                break
+            continue
+        # The other values as they are once these are known to be 0.
+        lens = lens - variance[:, group] @ gain
+        variance = variance - variance[:, group] @ np.linalg.solve(variance[where], variance[list(group)])
+        kept -= {*group}
+    lens[sorted(terms - kept)] = 0.0
+    return kept, lens
+
+
+class Adjustment:
+    """Values of all cameras and boards, of which some are free, and the loss that they have."""
+
+    def __init__(
+        self,
+        views: Mapping[str, View],
+        seen: Sightings,
+        terms: Mapping[str, Collection[int]],
+        noise_px: float = MIN_NOISE_PX,
+    ) -> None:
+        """`terms`: numbers of the lens parameters that are free, by camera. `noise_px`: of the corners."""
+        self.views, self.seen, self.terms = views, seen, terms
+        self.of_camera = {name: CAMERA * i for i, name in enumerate(views)}
+        self.moments = sorted({moment for _, moment in seen})
+        self.of_board = {moment: CAMERA * len(views) + 6 * i for i, moment in enumerate(self.moments)}
+        self.free = np.ones(CAMERA * len(views) + 6 * len(self.moments), bool)
+        for name, at in self.of_camera.items():
+            self.free[at : at + LENS] = [place in terms[name] for place in range(LENS)]
+        # The first camera's pose defines the rig's frame.
+        self.free[LENS:CAMERA] = False
+        # What lenses are like decides what the corners leave open.
+        self.usual, self.weight = np.zeros(len(self.free)), np.zeros(len(self.free))
+        for name, view in views.items():
+            lens = slice(self.of_camera[name], self.of_camera[name] + LENS)
+            self.usual[lens], deviation = _usual_lens(view)
+            self.weight[lens] = (noise_px / deviation) ** 2 * self.free[lens]
+
+    def start(self) -> Array:
+        """Return the values of the views, and of boards as the camera that sees most of each has them."""
+        counts = sorted((moment, len(points), name) for (name, moment), (points, _) in self.seen.items())
+        best = {moment: name for moment, _, name in counts}
+        boards = [_pose(*rig_from_board(self.views[best[k]], *self.seen[best[k], k])) for k in self.moments]
+        return np.concatenate([*map(_camera_values, self.views.values()), *boards])
+
+    def solve(self, values: Array) -> Array:
+        """Return the values with the least loss, from these on."""
+        damping, (loss, normal, gradient) = 1e-3, self._linearize(values)
+        for _ in range(MAX_STEPS):
+            before = loss
+            while damping < 1e8:
+                # Fixed values have no slope: the damping alone keeps their equations solvable.
+                damped = normal + damping * np.diag(np.diag(normal).clip(1e-12))
+                stepped = values - np.linalg.solve(damped, gradient)
+                residuals = self._linearize(stepped)
+                if residuals[0] < loss:
+                    values, (loss, normal, gradient) = stepped, residuals
+                    damping /= 5
+                    break
+                damping *= 5
+            if before - loss < ENOUGH * before:
+                break
+        return values
+
+    def views_at(self, values: Array) -> dict[str, View]:
+        """Return the views that these values describe."""
+        return {name: _adjusted(view, values[self.of_camera[name] :]) for name, view in self.views.items()}
+
+    def rms_px(self, values: Array) -> float:
+        """Return the root mean square of the residuals, corners that were misread counted less."""
+        squares, count = 0.0, 0
+        for key in self.seen:
+            error, _, weight, _ = self._sighting(key, values)
+            squares, count = squares + float(((weight * error.ravel()) ** 2).sum()), count + error.size
+        return float(np.sqrt(squares / max(1, count)))
+
+    def covariance(self, values: Array) -> Array:
+        """Return the covariance of the values; 0 for those that are fixed.
+
+        It is that of independent corners, widened if those of a picture err together: by how much more the
+        focal lengths and poses then vary (White 1980, by pictures).
+        """
+        _, normal, _ = self._linearize(values)
+        free = np.flatnonzero(self.free)
+        # Values of very different sizes: invert the equations of values in their own slopes.
+        scale = 1 / np.sqrt(np.diag(normal)[free].clip(1e-12))
+        inverse = (
+            scale[:, None]
+            * np.linalg.pinv(normal[np.ix_(free, free)] * np.outer(scale, scale), hermitian=True)
+            * scale
+        )
+        squares, count, scores = 0.0, 0, np.zeros((len(self.seen), len(values)))
+        for row, key in enumerate(self.seen):
+            error, jacobian, weight, where = self._sighting(key, values)
+            weighted = weight * error.ravel()
+            squares, count = squares + float(weighted @ weighted), count + error.size
+            scores[row, where] = jacobian.T @ weighted
+        spread = inverse @ scores[:, free].T
+        plain = inverse * squares / max(1, count - len(free))
+        pictures = len(self.seen) / max(1, len(self.seen) - LENS)
+        place = {int(number): row for row, number in enumerate(free)}
+        watched = [at + n for at in self.of_camera.values() for n in (0, *range(LENS, CAMERA))]
+        watched = [place[at] for at in watched if at in place]
+        worse = [pictures * float(spread[at] @ spread[at]) / max(plain[at, at], 1e-300) for at in watched]
+        covariance = np.zeros((len(values), len(values)))
+        covariance[np.ix_(free, free)] = plain * max(1.0, float(np.median(worse or [1.0])))
+        return covariance
+
+    def errors(self, name: str, view: View, covariance: Array) -> CameraErrors:
+        """Return the 95 % errors of a camera."""
+        at = self.of_camera[name]
+        own = covariance[at : at + CAMERA, at : at + CAMERA]
+        deviation = np.sqrt(np.diag(own).clip(0))
+        corner = view.lens.rays(np.array([[view.width - 1.0, view.height - 1.0]]))
+        _, by_lens, _ = project(view, np.append(corner[0], 1.0)[None], np.zeros(3), np.zeros(3))
+        bend = by_lens[:, 4:] @ own[4:LENS, 4:LENS] @ by_lens[:, 4:].T
+        turned, moved = own[LENS : LENS + 3, LENS : LENS + 3], _centre_variance(view, own[LENS:, LENS:])
+        return CameraErrors(
+            focal_percent=100 * SURE * float(deviation[:2].max()) / view.focal,
+            centre_px=SURE * float(deviation[2:4].max()),
+            border_px=SURE * float(np.sqrt(np.trace(bend))),
+            turn_deg=SURE * float(np.degrees(np.sqrt(np.linalg.eigvalsh(turned).max().clip(0)))),
+            move_mm=1000 * SURE * float(np.sqrt(np.linalg.eigvalsh(moved).max().clip(0))),
+        )
+
+    def _sighting(self, key: tuple[str, int], values: Array) -> tuple[Array, Array, Array, Array]:
+        """Return residuals (n, 2) px of a sighting, their weighted slopes and weights (2n), and the values'
+        numbers."""
+        name, moment = key
+        points, pixels = self.seen[key]
+        camera, board = self.of_camera[name], self.of_board[moment]
+        where = np.r_[camera : camera + CAMERA, board : board + 6]
+        error, jacobian = _residuals(self.views[name], values[where], points, pixels)
+        size = np.linalg.norm(error, axis=1)
+        weight = np.repeat(np.sqrt(np.minimum(1, HUBER_PX / size.clip(1e-9))), 2)
+        return error, weight[:, None] * jacobian * self.free[where], weight, where
+
+    def _linearize(self, values: Array) -> tuple[float, Array, Array]:
+        """Return the loss, and the normal equations of its reweighted least squares."""
+        loss, normal, gradient = 0.0, np.zeros((len(values), len(values))), np.zeros(len(values))
+        for key in self.seen:
+            error, jacobian, weight, where = self._sighting(key, values)
+            size = np.linalg.norm(error, axis=1)
+            loss += float(np.where(size < HUBER_PX, size**2 / 2, HUBER_PX * (size - HUBER_PX / 2)).sum())
+            normal[np.ix_(where, where)] += jacobian.T @ jacobian
+            gradient[where] += jacobian.T @ (weight * error.ravel())
+        unusual = self.weight * (values - self.usual)
+        loss += float(unusual @ (values - self.usual)) / 2
+        normal[np.diag_indices(len(values))] += self.weight
+        gradient += unusual
+        return (loss if np.isfinite(loss) else np.inf), normal, gradient
+
+
+def _usual_lens(view: View) -> tuple[Array, Array]:
+    """Return what lenses of this field are like: means and standard deviations of the parameters (LENS,)."""
+    size = np.array([view.width, view.height])
+    corner = float(np.linalg.norm(size / 2) / view.focal)
+    # As far as the terms bend the picture's corner, they are alike for lenses of any focal length.
+    if view.is_fisheye:
+        terms = [USUAL_FISHEYE_BEND / corner ** (2 * n) for n in (1, 2, 3, 4)] + [1.0]
+    else:
+        radial = [USUAL_BEND / corner ** (2 * n) for n in (1, 2, 3)]
+        terms = [*radial[:2], *[USUAL_TANGENTIAL / corner] * 2, radial[2]]
+    mean = np.array([view.matrix[0, 0], view.matrix[1, 1], *(size - 1) / 2, 0, 0, 0, 0, 0])
+    return mean, np.array([np.inf, np.inf, *[USUAL_CENTRE * size.max()] * 2, *terms])
+
+
+def _centre_variance(view: View, pose: Array) -> Array:
+    """Return the covariance of a camera's position by that of its rotation vector and translation."""
+    rvec = cv2.Rodrigues(view.rotation)[0].ravel()
+    slopes = np.empty((3, 6))
+    for axis in range(3):
+        step = np.eye(3)[axis] * 1e-6
+        moved = [-cv2.Rodrigues(rvec + sign * step)[0].T @ view.translation for sign in (1, -1)]
+        slopes[:, axis] = (moved[0] - moved[1]) / 2e-6
+    slopes[:, 3:] = -view.rotation.T
+    return np.asarray(slopes @ pose @ slopes.T)
+
+
+def project(view: View, points: Array, rvec: Array, tvec: Array) -> tuple[Array, Array, Array]:
+    """Return pixels (n, 2) of points (n, 3), and their slopes by lens (2n, LENS) and by pose (2n, 6)."""
+    if view.is_fisheye:
+        pixels, by = cv2.fisheye.projectPoints(points[:, None], rvec, tvec, view.matrix, view.distortion)
+        lens = np.hstack([by[:, :8], np.zeros((len(by), 1))])
+        return pixels.reshape(-1, 2), lens, by[:, 8:14]
+    pixels, by = cv2.projectPoints(points, rvec, tvec, view.matrix, view.distortion)
+    return pixels.reshape(-1, 2), by[:, 6 : 6 + LENS], by[:, :6]
+
+
+def _camera_values(view: View) -> Array:
+    """Return the values of a camera (CAMERA,) that are adjusted: its lens and its pose."""
+    lens = np.append(view.matrix[[0, 1, 0, 1], [0, 1, 2, 2]], view.distortion)
+    return np.concatenate([lens, np.zeros(LENS - len(lens)), _pose(view.rotation, view.translation)])
+
+
+def _adjusted(view: View, values: Array) -> View:
+    """Return the view with the first `CAMERA` of these values."""
+    matrix = view.matrix.copy()
+    matrix[[0, 1, 0, 1], [0, 1, 2, 2]] = values[:4]
+    rotation, _ = cv2.Rodrigues(values[LENS : LENS + 3])
+    return replace(
+        view,
+        matrix=matrix,
+        distortion=values[4 : 4 + len(view.distortion)].copy(),
+        rotation=rotation,
+        translation=values[LENS + 3 : CAMERA].copy(),
+    )
+
+
+def _pose(rotation: Array, translation: Array) -> Array:
+    """Return the rotation vector and the translation as one vector (6,)."""
+    return np.concatenate([cv2.Rodrigues(rotation)[0].ravel(), translation])
+
+
+def rig_from_board(view: View, places: Array, pixels: Array) -> tuple[Array, Array]:
+    """Return the pose of a board in the rig from its corners, places (n, 3; m) at pixels (n, 2) of a view."""
+    rotation, translation = board_pose(view.lens, places, pixels)
+    return view.rotation.T @ rotation, view.rotation.T @ (translation - view.translation)
+
+
+def board_pose(lens: Lens, places: Array, pixels: Array) -> tuple[Array, Array]:
+    """Return rotation (3, 3) and translation (3,) from a board to a camera, by its corners."""
+    rays = lens.rays(pixels)
+    _, rvec, tvec = cv2.solvePnP(places, rays, np.eye(3), None)
+    return cv2.Rodrigues(rvec)[0], np.asarray(tvec).ravel()
+
+
+def _residuals(view: View, values: Array, points: Array, pixels: Array) -> tuple[Array, Array]:
+    """Return the residuals (n, 2), px, and their derivatives (2n, CAMERA + 6) by a camera and a board."""
+    camera, board = values[LENS:CAMERA], values[CAMERA:]
+    rvec, tvec, *rates = cv2.composeRT(board[:3], board[3:], camera[:3], camera[3:])
+    projected, by_lens, by_pose = project(_adjusted(view, values), points, rvec, tvec)
+    # OpenCV's order: the composed rotation by both poses, board first, then the composed translation.
+    by_poses = np.block([[*rates[2:4], *rates[:2]], [*rates[6:8], *rates[4:6]]])
+    return projected - pixels, np.hstack([by_lens, by_pose @ by_poses])

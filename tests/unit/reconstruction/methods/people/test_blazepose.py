@@ -1,0 +1,66 @@
+"""The detector: its weights are checked, and what is missing is said with the command that fetches it."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from capture_app.common.errors import NotAvailableError
+from reconstruction.methods.people import blazepose_weights
+from reconstruction.methods.people.blazepose import BlazePose, Crop
+from reconstruction.methods.people.blazepose_weights import DETECTOR, fetch, find_weights
+from reconstruction.scene.scene import Scene
+from tests.project import JUMPER
+
+
+@pytest.fixture
+def elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The only folder that may have weights."""
+    monkeypatch.setattr(blazepose_weights, "folders", lambda: [tmp_path])
+    return tmp_path
+
+
+def test_missing_weights_are_named_with_the_command_that_fetches_them(elsewhere: Path) -> None:
+    with pytest.raises(NotAvailableError) as raised:
+        find_weights("full")
+    assert DETECTOR in raised.value.what
+    assert raised.value.hint.endswith(" -m reconstruction.methods.people.blazepose_weights full")
+
+
+def test_damaged_weights_are_refused(elsewhere: Path) -> None:
+    (elsewhere / DETECTOR).write_bytes(b"TFL3")
+    with pytest.raises(NotAvailableError, match="damaged"):
+        find_weights("full")
+
+
+def test_a_download_that_fails_writes_nothing(elsewhere: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(blazepose_weights, "_wheel_command", lambda target: ["false"])
+    with pytest.raises(NotAvailableError, match="cannot be fetched"):
+        fetch()
+    assert list(elsewhere.iterdir()) == []
+
+
+def test_a_file_that_is_not_the_published_one_is_not_stored(
+    elsewhere: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    copy = ["cp", "/dev/null", DETECTOR]
+    monkeypatch.setattr(blazepose_weights, "_wheel_command", lambda target: copy)
+    with pytest.raises(NotAvailableError, match="not the published file"):
+        fetch()
+    assert list(elsewhere.iterdir()) == []
+
+
+def test_a_crop_is_upright_and_not_mirrored() -> None:
+    crop = Crop(np.array([100.0, 200.0]), np.array([100.0, 100.0]))
+    corner, right = (crop.image_from_crop @ [x, y, 1] for x, y in ((0, 0), (256, 0)))
+    assert corner.tolist() == pytest.approx([-25, 75])
+    assert right.tolist() == pytest.approx([225, 75])
+
+
+def test_the_rendered_jumper_is_one_person_with_its_left_on_its_left() -> None:
+    dataset = Scene.open(JUMPER).dataset
+    pixels, confidence = BlazePose("full").detect(dataset.image("cam00", 2))
+    assert pixels.shape == (1, 33, 2)
+    assert confidence[0, 11:13].min() > 0.9
+    left, right = pixels[0, 11], pixels[0, 12]
+    assert abs(left[0] - right[0]) > 5

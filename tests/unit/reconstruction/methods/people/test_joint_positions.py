@@ -1,0 +1,47 @@
+"""Positions from pixels, their covariance, and what is left out."""
+
+import numpy as np
+
+from benchmarks.people.figure import pixels_of, ring
+from reconstruction.methods.people.joint_positions import locate, radius_95
+
+VIEWS = ring(4, 120)
+PROJECTIONS = np.array([view.matrix @ np.column_stack([view.rotation, view.translation]) for view in VIEWS])
+POINTS = np.random.default_rng(1).uniform([-0.5, -0.5, 0.2], [0.5, 0.5, 1.7], (400, 3))
+PIXELS = np.array([pixels_of(view, POINTS) for view in VIEWS])
+
+
+def test_points_without_noise_are_exact() -> None:
+    found = locate(PROJECTIONS, PIXELS, np.ones(PIXELS.shape[:2]))
+    assert np.abs(found.points - POINTS).max() < 1e-6
+    assert found.used.all()
+
+
+def test_a_wrong_camera_is_left_out() -> None:
+    wrong = PIXELS.copy()
+    wrong[2] += 300
+    found = locate(PROJECTIONS, wrong, np.ones(PIXELS.shape[:2]))
+    assert not found.used[2].any()
+    assert np.abs(found.points - POINTS).max() < 0.01
+
+
+def test_two_cameras_that_disagree_give_nothing() -> None:
+    wrong = PIXELS[:2].copy()
+    wrong[1, :, 1] += 120
+    assert np.isnan(locate(PROJECTIONS[:2], wrong, np.ones((2, 400))).points).all()
+
+
+def test_a_camera_alone_gives_nothing() -> None:
+    alone = np.full_like(PIXELS, np.nan)
+    alone[0] = PIXELS[0]
+    found = locate(PROJECTIONS, alone, np.ones(PIXELS.shape[:2]))
+    assert np.isnan(found.points).all()
+    assert not found.used.any()
+
+
+def test_the_radius_holds_95_percent() -> None:
+    rng = np.random.default_rng(2)
+    for scales in ([1, 1, 1], [5, 1, 1], [9, 3, 0.1]):
+        covariance = np.diag(np.square(scales)).astype(float)[None]
+        drawn = rng.normal(0, 1, (40_000, 3)) * scales
+        assert 0.94 < (np.linalg.norm(drawn, axis=1) < radius_95(covariance)[0]).mean() < 0.96

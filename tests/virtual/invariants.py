@@ -334,7 +334,9 @@ def _excused(rig: VirtualRig, of: OrderedBurst, camera: str) -> list[tuple[float
         # A leader that is stopped ends what it takes: nobody is asked for the rest.
         if ready_ns > stopped_ns:
             return math.inf
-        slow = (span.until_ns for span in spans if span.kind not in ENDS and span.from_ns <= ready_ns)
+        # Orders are datagrams, which a slow link delivers as others do: only streams wait there.
+        harmless = (*ENDS, *HARMLESS, "slow-link")
+        slow = (span.until_ns for span in spans if span.kind not in harmless and span.from_ns <= ready_ns)
         return max([ready_ns, *(end_ns for end_ns in slow if end_ns > ready_ns)]) + ASKED_S * 1e9
 
     excused = [(-math.inf, asked_again(of.ordered_ns))] if camera not in of.ready else []

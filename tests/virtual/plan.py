@@ -127,6 +127,9 @@ def draw(seed: int) -> Plan:
     away = random.Random(f"away {seed}")
     if not has_standby and away.random() < 0.2:
         steps += _all_away(away, away.uniform(SETTLE_S, seconds - 10), cameras)
+    at_end = random.Random(f"away at its end {seed}")
+    if not has_standby and at_end.random() < 0.06:
+        steps += _away_at_end(at_end, at_end.uniform(SETTLE_S, seconds - 10), cameras)
     lopsided = {further.choice(honest): _lopsided_ms(further)} if further.random() < 0.15 else {}
     return Plan(
         seed,
@@ -223,6 +226,16 @@ def _all_away(rng: random.Random, at_s: float, cameras: tuple[str, ...]) -> list
         Step(at_s, "recording", "desk", ordered_s, ended_s),
         *(slow if rng.random() < 0.3 else []),
         *(Step(away_s, kind, name, 0.0, lasts_s) for name in (*cameras, *(["lead"] if has_leader else []))),
+    ]
+
+
+def _away_at_end(rng: random.Random, at_s: float, cameras: tuple[str, ...]) -> list[Step]:
+    """Return a recording of an ordered length that all cameras leave before its end, and rejoin after it."""
+    ends_s = rng.uniform(8, 20)
+    away_s, kind = at_s + ends_s - rng.uniform(1, 4), rng.choice(("kill", "power", "stop"))
+    return [
+        Step(at_s, "recording", "desk", ends_s),
+        *(Step(away_s, kind, name, 0.0, rng.uniform(6, 12)) for name in cameras),
     ]
 
 

@@ -130,6 +130,33 @@ def _restarts_all(plan: Plan) -> bool:
     return any(number >= len(plan.cameras) for number in ends.values())
 
 
+def _restarts_all_slow(plan: Plan) -> bool:
+    """Return whether a camera of those has frames left, over a slow link, when it is asked for the rest."""
+    return _restarts_all(plan) and any(
+        step.kind == "slow-link"
+        and step.target in plan.cameras
+        and any(
+            other.kind in ("kill", "power", "stop")
+            and other.target == step.target
+            and step.at_s <= other.at_s
+            and other.at_s + other.seconds + 20 <= step.at_s + step.seconds
+            for other in plan.steps
+        )
+        for step in plan.steps
+    )
+
+
+def _restarts_all_at_end(plan: Plan) -> bool:
+    """Return whether all cameras are away when a recording of an ordered length ends."""
+    ends_s = [step.at_s + step.value for step in plan.steps if step.kind == "recording" and step.value]
+    away = [step for step in plan.steps if step.kind in ("kill", "power", "stop")]
+    return any(
+        {step.target for step in away if step.at_s < end_s - 0.5 and end_s + 1 < step.at_s + step.seconds}
+        >= {*plan.cameras}
+        for end_s in ends_s
+    )
+
+
 _ENDS = ("kill", "power", "kill-at-disk-step")
 FAULTS: dict[str, Fault] = {
     "bar": Fault(
@@ -344,7 +371,7 @@ FAULTS: dict[str, Fault] = {
         "capture_app/node/camera/uploader.py",
         "            burst.continue_from(left)\n",
         "            continue\n",
-        _restarts_all,
+        _restarts_all_slow,
     ),
     "here-is-missing": Fault(
         "what a restarted camera lacks and the leader has counts as missing",
@@ -358,7 +385,7 @@ FAULTS: dict[str, Fault] = {
         "capture_app/node/burst/burst_session.py",
         "        instants = self.burst.frames if is_ordered else self._recorded_instants\n",
         "        instants = self._recorded_instants\n",
-        _restarts_all,
+        _restarts_all_at_end,
     ),
     "instant-twice": Fault(
         "an instant that a batch has twice is saved twice",

@@ -11,6 +11,7 @@ import threading
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
+from typing import TypeVar
 
 import msgspec
 from msgspec import Struct
@@ -18,11 +19,12 @@ from msgspec import Struct
 from capture_app.common.bounds import Count
 from capture_app.protocol.messages import ImageUpload
 from capture_app.session.files.disk import disk_error, disk_errors
-from capture_app.session.files.durable import AppendOnlyFile, write_all
+from capture_app.session.files.durable import AppendOnlyFile, write_all, write_atomic
 from capture_app.session.files.untrusted_files import read_regular
 from capture_app.session.format.journal import record_of_line
 from capture_app.session.format.manifest import JOURNAL
 
+_Line = TypeVar("_Line", bound=Struct)
 FILM, INDEX = ".film", ".ndjson"
 SEGMENT_BYTES = 8 << 20
 """Length of a segment; most are deleted before the system has written them to the disk."""
@@ -70,8 +72,8 @@ class SpooledFilm:
         self._lines: AppendOnlyFile | None = None
         self._unsynced: set[Segment] = set()
         self._changing = threading.Lock()
-        self.unreadable: list[Path] = []
-        """Segments of an earlier run with whole lines that are not understood."""
+        self.unreadable: dict[Path, bytes | None] = {}
+        """Indexes of an earlier run with whole lines that are not understood, and these; None for all."""
 
     def __contains__(self, instant: object) -> bool:
         """Return whether the film has a frame of that instant, which the leader does not have."""
@@ -79,40 +81,50 @@ class SpooledFilm:
 
     def recover(self) -> Iterator[ImageUpload]:
         """Yield the headers of the frames that an earlier run has left, also as files. Raises DiskError."""
-        journal = self._folder / JOURNAL
         with disk_errors(self._folder):
             for path in sorted(self._folder.glob(f"*{FILM}")):
                 segment = Segment(path)
-                for line in self._lines_of(segment.index):
-                    if (place := record_of_line(line, IndexLine)) is None:
-                        self._note_unreadable(path)
-                    elif place.offset + place.frame.bytes <= _size_of(path):
+                for place in self._records_of(segment.index, IndexLine):
+                    if place.offset + place.frame.bytes <= _size_of(path):
                         yield self._note_left(place.frame, segment, place.offset)
-            for line in self._lines_of(journal):
-                if (image := record_of_line(line, FileLine)) is None:
-                    self._note_unreadable(journal)
-                elif _size_of(path := self._folder / f"{image.record.instant:06d}.jpg") >= image.bytes:
+            for image in self._records_of(self._folder / JOURNAL, FileLine):
+                path = self._folder / f"{image.record.instant:06d}.jpg"
+                if _size_of(path) >= image.bytes:
                     yield self._note_left(image.header, Segment(path, has_index=False), 0)
 
-    def _lines_of(self, path: Path) -> list[bytes]:
-        """Return the whole lines of an index: what a power cut has torn has no end."""
+    def _records_of(self, index: Path, kind: type[_Line]) -> list[_Line]:
+        """Return the whole lines of an index that are understood: what a power cut has torn has no end."""
         try:
-            return read_regular(path, follow_links=False).split(b"\n")[:-1]
+            *lines, torn = read_regular(index, follow_links=False).split(b"\n")
         except FileNotFoundError:
             return []
         except OSError:
             # A link or a pipe, which a node did not write.
-            self._note_unreadable(path)
-            return []
+            lines, torn = [b""], b""
+        records = [record_of_line(line, kind) for line in lines]
+        if None in records:
+            left = [line for line, record in zip(lines, records, strict=True) if record is None]
+            self.unreadable[index] = b"\n".join((*left, torn)) if len(left) < len(lines) else None
+        return [record for record in records if record is not None]
 
     def _note_left(self, frame: ImageUpload, segment: Segment, offset: int) -> ImageUpload:
         self._places[frame.record.instant] = segment, offset
         segment.waiting += 1
         return frame
 
-    def _note_unreadable(self, path: Path) -> None:
-        if path not in self.unreadable:
-            self.unreadable.append(path)
+    def forget_readable(self) -> None:
+        """Keep the lines alone that are not understood: frames that the leader has are not offered again.
+
+        Raises OSError.
+        """
+        for index, left in self.unreadable.items():
+            if left is not None:
+                write_atomic(index, left)
+
+    def keeps(self, path: Path) -> bool:
+        """Return whether a file belongs to what is not understood."""
+        is_image = path.suffix == ".jpg" and self._folder / JOURNAL in self.unreadable
+        return is_image or path.with_suffix(INDEX) in self.unreadable
 
     def append(self, frames: Iterable[tuple[ImageUpload, bytes]]) -> None:
         """Append frames, all or none: they survive this process now, and a power cut after `sync`.
@@ -173,7 +185,11 @@ class SpooledFilm:
                 if (place := self._places.pop(instant, None)) is not None:
                     place[0].waiting -= 1
                     touched.add(place[0])
-            done = {segment for segment in touched if not segment.waiting and segment is not self._current}
+            done = {
+                segment
+                for segment in touched
+                if not segment.waiting and segment is not self._current and not self.keeps(segment.index)
+            }
             self._unsynced -= done
             return [path for segment in done for path in segment.files]
 

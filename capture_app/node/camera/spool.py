@@ -104,7 +104,8 @@ class SpoolFolder:
 
     def unknown(self) -> list[Path]:
         """Return foreign files, and what an earlier run has left and this version does not understand."""
-        with suppress(OSError):
+        with suppress(OSError, SimulshotError):
+            [*self.film.recover()]
             names = [path for path in self.folder.iterdir() if not _is_own_file(path)]
             return [*sorted(names), *self.film.unreadable]
         return []
@@ -117,21 +118,21 @@ class SpoolFolder:
         with self._changing:
             self._is_removed = True
             self.film.close()
-            if self.film.unreadable:
-                return True
-            own = foreign = 0
+            own = kept = 0
             # The report goes last: without it, a restarted node would not find what is left.
             with suppress(OSError):
+                self.film.forget_readable()
                 for file in sorted(self.folder.iterdir(), key=lambda file: file.name == REPORT):
-                    if _is_own_file(file):
+                    is_needed = bool(self.film.unreadable) and file.name == REPORT
+                    if is_needed or not _is_own_file(file) or self.film.keeps(file):
+                        kept += 1
+                    else:
                         own += 1
                         file.unlink()
                         own -= 1
-                    else:
-                        foreign += 1
-                if not foreign:
+                if not kept:
                     self.folder.rmdir()
-            return not self.folder.exists() or bool(foreign and not own)
+            return not self.folder.exists() or bool(kept and not own)
 
 
 def _is_own_file(path: Path) -> bool:

@@ -337,12 +337,9 @@ class Uploader:
         """
         if self.spool is not None:
             self._waiting.extend(self._read(self.spool.open()))
-            if unknown := [*unknown_in(self.spool.folder)]:
-                self._say_unknown(unknown)
-
-    def _say_unknown(self, files: Sequence[Path]) -> None:
-        names = [*map(str, files[:MAX_NAMED]), *(["..."] if len(files) > MAX_NAMED else [])]
-        self._log.say(f"not written by a node of this version, and left alone: {', '.join(names)}")
+            if unknown := [*map(str, unknown_in(self.spool.folder))]:
+                names = [*unknown[:MAX_NAMED], *(["..."] if len(unknown) > MAX_NAMED else [])]
+                self._log.say(f"not understood by this version, and left alone: {', '.join(names)}")
 
     def _read(self, left: Iterable[SpoolFolder]) -> list[Upload]:
         """Return the bursts in these folders of the spool with images; delete others. Blocks on the disk."""
@@ -354,10 +351,6 @@ class Uploader:
                 self._log.say(f"left in the spool: {error}")
                 continue
             if not burst.images:
-                if unread := spooled.film.unreadable:
-                    self._log.say(
-                        f"not understood, and left alone: {', '.join(map(str, unread[:MAX_NAMED]))}"
-                    )
                 spooled.remove()
                 continue
             images = count(len(burst.images), "image")

@@ -31,6 +31,7 @@ from capture_app.sync.wire.codec import (
     WireError,
     decode,
     encode,
+    other_version,
     reply_at,
     reply_before_t2,
     version_answer,
@@ -164,7 +165,7 @@ class Leader:
         try:
             message = decode(data)
         except WireError:
-            self.report_version(data, address)
+            self.report_version(data, address, now_ns)
             return
         if isinstance(message, FromClient):
             self.receive_message(message, address, now_ns, principal)
@@ -288,10 +289,15 @@ class Leader:
                 batch = structs.replace(trigger, client=client, others=tuple(others))
                 self._outbox.append((encode(batch), address))
 
-    def report_version(self, data: bytes, address: Address) -> None:
-        """Answer a datagram of another protocol version with this leader's version."""
-        if (answer := version_answer(data)) is not None:
-            self._outbox.append((answer, address))
+    def report_version(self, data: bytes, address: Address, now_ns: int) -> None:
+        """Answer a datagram of another protocol version with this leader's version; report its node."""
+        if (answer := version_answer(data)) is None:
+            return
+        self._outbox.append((answer, address))
+        host, reason = address[0], other_version(data)
+        # Anyone can send these from any address: for all hosts together there is a limit, too.
+        if reason and self._is_news("", host, now_ns) and self._is_news(host, reason, now_ns):
+            self._events.append(NodeChanged("a node", "refused", reason, f"at {host}"))
 
     def refuse(self, hello: Hello, reason: str, address: Address, *, retry_here: bool = False) -> None:
         """Send a client the reason why it cannot join; with `retry_here` it should not try another leader."""
@@ -439,11 +445,15 @@ class Leader:
     def _update_grid(self, now_ns: int) -> bool:
         """Shift the grid's phase to suit cameras that can only be restarted, except near a burst.
 
-        Return whether the grid has changed.
+        In a burst the grid stays, and cameras that rejoin are restarted until they meet it. Return whether
+        the cameras have to know of a change.
         """
         shared, immovable = self.current.grid_choice, len(self.roster.immovable)
-        if shared is None or self.current.upstream is not None or self.orders.is_busy(now_ns):
+        if shared is None or self.current.upstream is not None:
             return False
+        if self.orders.is_busy(now_ns):
+            is_news, shared.common_instant_leader_ns = shared.common_instant_leader_ns is None, now_ns
+            return is_news
         if immovable > FEW_CAMERAS and now_ns < self._update_due_ns:
             return False
         self._update_due_ns = now_ns + immovable * UPDATE_EVERY_NS
@@ -460,19 +470,23 @@ class Leader:
     def _report_refusal(self, hello: Hello, reason: str, address: Address, now_ns: int) -> None:
         """Refuse a client; at intervals report it to the operator and to the name's present camera."""
         self.refuse(hello, reason, address)
-        who = hello.pin or address[0]
-        reported, reported_ns = self._reported.get(who, ("", now_ns - REPEAT_REPORT_NS))
-        if now_ns - reported_ns < (REPEAT_REPORT_NS if reported == reason else MIN_REPORT_INTERVAL_NS):
+        if not self._is_news(hello.pin or address[0], reason, now_ns):
             return
-        if len(self._reported) >= MAX_REPORTED:
-            del self._reported[next(iter(self._reported))]
-        self._reported[who] = reason, now_ns
         where = f"at {address[0]}" if hello.via is None else f"below {hello.via}"
         self._events.append(NodeChanged(hello.name, "refused", reason, where))
         owner = self.roster.members.get(hello.name)
         if owner is not None and not owner.lost and owner.instance != hello.instance:
             text = f"another camera {where} wants to be {hello.name}, too: give one another --name"
             self.send(owner, Notice(owner.number, text[:MAX_TEXT]))
+
+    def _is_news(self, who: str, reason: str, now_ns: int) -> bool:
+        reported, reported_ns = self._reported.get(who, ("", now_ns - REPEAT_REPORT_NS))
+        if now_ns - reported_ns < (REPEAT_REPORT_NS if reported == reason else MIN_REPORT_INTERVAL_NS):
+            return False
+        if len(self._reported) >= MAX_REPORTED:
+            del self._reported[next(iter(self._reported))]
+        self._reported[who] = reason, now_ns
+        return True
 
     def _note_lost(self, event: NodeChanged) -> None:
         self._events.append(event)

@@ -63,7 +63,7 @@ class Relay:
             if address in self.member.leaders:
                 self.member.note_unreadable(error, address)
             else:
-                self.leader.report_version(data, address)
+                self.leader.report_version(data, address, now_ns)
             return
         # One address may be both a parent's and a client's: the kind of message distinguishes them.
         if not isinstance(message, FromClient):

@@ -88,6 +88,18 @@ def is_version_answer(data: bytes) -> bool:
     return is_one and data[2] not in (VERSION, _ASKING)
 
 
+def other_version(data: bytes) -> str:
+    """Return the words about a client whose datagram is of another version; empty for a mere query."""
+    version = data[2]
+    if version == _ASKING:
+        return ""
+    older = "on its machine" if version < VERSION else "here"
+    return (
+        f"it speaks version {version} of the protocol, and this leader version {VERSION}:"
+        f" install the newer simulshot {older} too"
+    )
+
+
 def version_mismatch(version: int) -> str:
     """Return the error text for a leader of another version, with the remedy."""
     older = "here" if version > VERSION else "on the leader's machine"

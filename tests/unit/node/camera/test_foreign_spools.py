@@ -123,6 +123,33 @@ async def test_what_is_not_understood_stays(tmp_path: Path, what: str) -> None:
     assert any(str(folder) in line for line in said)
 
 
+@pytest.mark.parametrize("protocol", [7, 8])
+async def test_what_is_readable_is_delivered_once_and_the_rest_stays(tmp_path: Path, protocol: int) -> None:
+    """A damaged line lost its image with the others', or had them offered again at each start."""
+    spool = shutil.copytree(SPOOLS / f"protocol-{protocol}", tmp_path / "spool")
+    folder = spool / "a" / NAME
+    index, film = (
+        folder / ("journal.ndjson" if protocol == 7 else "000001.ndjson"),
+        folder / ("000001.jpg" if protocol == 7 else "000001.film"),
+    )
+    first, _, last = index.read_bytes().splitlines(keepends=True)
+    index.write_bytes(first + b"damaged\n" + last + b"torn")
+    image = film.read_bytes()
+    stored, said = await delivered(spool, count=2)
+    assert stored == {0: small_jpeg(b"zero"), 2: small_jpeg(b"two")}
+    assert {file.name for file in folder.iterdir()} == {"report.json", index.name, film.name}
+    assert (index.read_bytes(), film.read_bytes()) == (b"damaged\ntorn", image)
+    assert any("left alone" in line and str(index) in line for line in said)
+    (found, *_) = doctor.spooled(spool)
+    assert str(index) in found.text
+    before = everything_in(spool)
+    stored, said = await delivered(spool, count=0)
+    assert stored == {}
+    assert not any("still in" in line for line in said)
+    assert any("left alone" in line and str(index) in line for line in said)
+    assert everything_in(spool) == before
+
+
 def test_frames_that_a_power_cut_tore_are_not_taken_for_foreign_ones(tmp_path: Path) -> None:
     spool = Spool(tmp_path, "a")
     spool.open()

@@ -8,7 +8,7 @@ from benchmarks.simulated.virtual_rig import NodeSpec, VirtualRig
 from capture_app.common.clock import SimulatedClock
 from capture_app.plugins.cameras.sim.profiles import PROFILES
 from capture_app.sync.rig.frame_selection import DROPPED, MAX_STREAMED_NS, FramesSelected
-from tests.unit.sync.rig.rigs import LAN, S, ready_rig
+from tests.unit.sync.rig.rigs import LAN, MS, S, ready_rig
 
 FRAMES = 300
 """Five times what the ring buffer holds."""
@@ -115,3 +115,23 @@ def test_a_camera_that_is_started_again_continues_a_burst_once_it_is_aligned() -
     assert len(frames) > 250
     assert max(abs(pick.residual_ns) for pick in picked.frames[100:]) < 200_000
     assert not node.client.has_burst_pending
+
+
+def test_webcams_that_are_all_started_again_continue_a_burst() -> None:
+    """They waited for a restart that suits all until the burst was over, as the grid stays meanwhile."""
+    profile = replace(PROFILES["webcam"], drop_fraction=0.0, outlier_fraction=0.0)
+    specs = [NodeSpec(f"cam{n}", profile, SimulatedClock(n * S), LAN, tolerance_ns=2 * MS) for n in range(2)]
+    rig = ready_rig(specs, seed=3)
+    burst = rig.trigger(frames=600, streamed=True)
+    grid = rig.leader.grid
+    assert rig.run_until(lambda: rig.now_true_ns > burst.instants_ns[52], limit_ns=10 * S)
+    for spec in specs:
+        rig.kill(spec.name)
+    rig.run_for(3 * S)
+    nodes = [rig.start(spec) for spec in specs]
+    assert rig.run_until(lambda: ended(rig, burst.number), limit_ns=60 * S)
+    assert rig.leader.grid == grid
+    for picked in (node.bursts[burst.number] for node in nodes):
+        assert picked.frames[-1].instant == 599
+        assert len(picked.frames) > 250
+        assert max(abs(pick.residual_ns) for pick in picked.frames[100:]) < 2.2 * MS

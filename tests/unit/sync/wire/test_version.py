@@ -6,7 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from capture_app.sync.rig.events import LeaderNotice
+from capture_app.protocol.event_text import leader_line
+from capture_app.sync.rig.events import LeaderNotice, NodeChanged
 from capture_app.sync.rig.leader_engine import Leader, LeaderConfig
 from capture_app.sync.rig.time_client import TimeClient
 from capture_app.sync.timekeeping.timekeeper import Timekeeper
@@ -88,6 +89,27 @@ def test_a_node_that_sends_single_images_is_refused_by_a_leader_that_takes_batch
         "its leader speaks version 7 of the protocol, and this node version 8:"
         " install the newer simulshot on the leader's machine too"
     )
+
+
+def test_a_leader_says_that_a_node_speaks_another_version_and_not_all_the_time() -> None:
+    leader = a_leader()
+    leader.receive_datagram(version_question(TOKEN), ("10.0.0.6", 5), 0)
+    assert leader.next_event() is None, "monitors and other leaders ask, too"
+    (hello,) = hellos(a_client())
+    for host in range(7, 10):
+        leader.receive_datagram(of_version(7, hello), (f"10.0.0.{host}", 5), host)
+    event = leader.next_event()
+    assert isinstance(event, NodeChanged)
+    assert leader_line(event) == (
+        "refused a node at 10.0.0.7: it speaks version 7 of the protocol, and this leader version 8:"
+        " install the newer simulshot on its machine too",
+        True,
+    )
+    assert leader.next_event() is None
+    leader.receive_datagram(of_version(9, hello), ("10.0.0.8", 5), 6_000_000_000)
+    event = leader.next_event()
+    assert isinstance(event, NodeChanged)
+    assert event.reason.endswith("install the newer simulshot here too")
 
 
 def test_the_older_end_is_the_one_to_renew() -> None:

@@ -8,6 +8,8 @@ from reconstruction.methods.multiview.instant_model import MadeMultiview
 from reconstruction.methods.multiview.multiview_method import Multiview as Multiview
 from reconstruction.methods.panorama.panorama_method import Panorama as Panorama
 from reconstruction.methods.panorama.panorama_run import PanoramaResult
+from reconstruction.methods.people.people_method import PeopleMethod
+from reconstruction.methods.people.people_result import MadePeople
 from reconstruction.methods.splat.splat_method import SplatMethod as SplatMethod
 from reconstruction.methods.splat.splat_run import MadeSplat
 from reconstruction.methods.stereo.stereo_method import Stereo as Stereo
@@ -75,5 +77,21 @@ class _OurMethods(ReconstructedSession):
         page: bool = False,
         quick: bool = False,
     ) -> MadeView: ...
+    def people(
+        self,
+        options: PeopleMethod | None = None,
+        *,
+        condition: Condition = ...,
+        out: str | PathLike[str] | None = None,
+        instants: tuple[int, ...] | None = None,
+        detector: str = "blazepose",
+        model: str = "",
+        keypoints: str | None = None,
+        rate: float | None = None,
+        nearest: bool = False,
+        smooth: float | None = None,
+        up: str = "auto",
+        film: bool = False,
+    ) -> MadePeople: ...
 
 def open_session(session: str | PathLike[str] | Session) -> _OurMethods: ...

@@ -10,7 +10,7 @@ import io
 import json
 import pickle
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -26,15 +26,7 @@ from reconstruction.scene.dataset import Dataset
 
 HINT = "give a folder with a file or folder for each camera, named like it"
 MAX_FRAMES = 1_000_000
-_BROKEN = (
-    ValueError,
-    LookupError,
-    TypeError,
-    AttributeError,
-    StopIteration,
-    EOFError,
-    pickle.UnpicklingError,
-)
+_BROKEN = StopIteration, EOFError, pickle.UnpicklingError
 _DLC_LEVELS = ("scorer", "individuals", "bodyparts", "coords")
 
 
@@ -121,13 +113,10 @@ def _pair(sources: Sequence[Path], folder: Path, cameras: Sequence[str]) -> dict
 
 
 def _read(path: Path) -> Labels:
-    kinds: Mapping[str, Callable[[Path], Labels]] = {".csv": _read_deeplabcut, ".h5": _read_h5}
-    read = _read_openpose if path.is_dir() else kinds[path.suffix.lower()]
+    of_file = _read_h5 if path.suffix.lower() == ".h5" else _read_deeplabcut
     what = f"{path} has no joints of a kind that is known"
-    with rejecting(
-        what, ValueError, LookupError, TypeError, AttributeError, pickle.UnpicklingError, EOFError
-    ):
-        labels = read(path)
+    with rejecting(what, ValueError, LookupError, TypeError, AttributeError, *_BROKEN):
+        labels = _read_openpose(path) if path.is_dir() else of_file(path)
         if not labels.pixels.size:
             raise ValueError("it is empty")
     return labels
@@ -145,8 +134,7 @@ def _read_openpose(folder: Path) -> Labels:
     if len(joints) > 1 or max(frames) >= MAX_FRAMES:
         raise ValueError("its people have different numbers of joints")
     number = sum(joints)
-    most = max(map(len, frames.values()))
-    values = np.zeros((max(frames) + 1 - first, most, number, 3))
+    values = np.zeros((max(frames) + 1 - first, max(map(len, frames.values())), number, 3))
     for frame, people in frames.items():
         values[frame - first, : len(people)] = np.array(people).reshape(-1, number, 3)
     known = {len(skeleton.joints): skeleton for skeleton in SKELETONS.values()}
@@ -155,17 +143,16 @@ def _read_openpose(folder: Path) -> Labels:
 
 
 def _read_deeplabcut(path: Path) -> Labels:
-    rows = list(csv.reader(io.StringIO(read_text(path))))
-    heads = [row for row in rows if row and row[0] in _DLC_LEVELS]
-    body = [row for row in rows[len(heads) :] if row]
-    levels = {row[0]: row for row in heads}
+    rows = [row for row in csv.reader(io.StringIO(read_text(path))) if row]
+    levels = {row[0]: row for row in rows if row[0] in _DLC_LEVELS}
+    body = rows[len(levels) :]
     first = next(k for k, coordinate in enumerate(levels["coords"]) if coordinate == "x")
     columns = list(
         zip(*(levels.get(level, [""] * len(rows[0]))[first:] for level in _DLC_LEVELS[1:]), strict=True)
     )
-    values = np.array([[float(value or "nan") for value in row[first:]] for row in body])
     frames = [int(re.findall(r"\d+", " ".join(row[:first]))[-1]) for row in body]
-    return _deeplabcut_labels(columns, frames, values)
+    values = [[float(value or "nan") for value in row[first:]] for row in body]
+    return _deeplabcut_labels(columns, frames, np.array(values))
 
 
 def _deeplabcut_labels(columns: Sequence[tuple[str, ...]], frames: Sequence[int], values: Array) -> Labels:

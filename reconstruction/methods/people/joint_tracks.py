@@ -25,6 +25,10 @@ RELIABLE = 0.5
 """Confidence from which on a joint tells who is who."""
 
 
+FramePlaces = dict[int, tuple[FrameJoints, int]]
+"""An individual's place among those of each frame, by instant."""
+
+
 @dataclass(eq=False)
 class Track:
     """One individual in one camera: pixels (frames, joints, 2), without distortion, and confidences.
@@ -72,18 +76,14 @@ def follow_in_camera(joints: CameraJoints, frames: int) -> list[tuple[Array, Arr
 
     An individual keeps its name, or is the nearest of the next frame; where that is open, its track ends.
     """
-    tracks = list[dict[int, tuple[FrameJoints, int]]]()
-    if any(frame.names for frame in joints.values()):
-        by_name = dict[str, dict[int, tuple[FrameJoints, int]]]()
-        for instant, frame in joints.items():
-            for place, name in enumerate(frame.names):
-                by_name.setdefault(name, {})[instant] = frame, place
-        tracks = list(by_name.values())
-    else:
-        for instant in sorted(joints):
-            _continue(tracks, instant, joints[instant])
+    tracks, by_name = list[FramePlaces](), dict[str, FramePlaces]()
+    for instant, frame in sorted(joints.items()):
+        for place, name in enumerate(frame.names):
+            by_name.setdefault(name, {})[instant] = frame, place
+        if not frame.names:
+            _continue(tracks, instant, frame)
     followed = list[tuple[Array, Array]]()
-    for track in tracks:
+    for track in [*by_name.values(), *tracks]:
         number = next(iter(track.values()))[0].pixels.shape[1]
         pixels, confidence = np.full((frames, number, 2), np.nan), np.zeros((frames, number))
         for instant, (frame, place) in track.items():
@@ -94,7 +94,7 @@ def follow_in_camera(joints: CameraJoints, frames: int) -> list[tuple[Array, Arr
     return followed
 
 
-def _continue(tracks: list[dict[int, tuple[FrameJoints, int]]], instant: int, frame: FrameJoints) -> None:
+def _continue(tracks: list[FramePlaces], instant: int, frame: FrameJoints) -> None:
     """Append a frame's individuals to the tracks that they continue, and begin tracks for the others."""
     number = len(frame.pixels)
     open_tracks = [track for track in tracks if max(track) >= instant - 2]
@@ -195,16 +195,6 @@ def _weights(
     turn = np.linalg.norm(at - np.where(cubic[:, None], straight, pixels[closest]), axis=1)
     bend = turn * CURVED / np.sqrt(2)
     return places, weights, bend
-
-
-def track_times(frame_s: Array, row_s: float, pixels: Array) -> Array:
-    """Return the time (frames, joints) of each joint: its frame's, and `row_s` later for each row."""
-    return np.asarray(frame_s[:, None] + row_s * np.nan_to_num(pixels[..., 1]))
-
-
-def overlap(a: Track, b: Track) -> bool:
-    """Whether two tracks of a camera have a frame in common."""
-    return a.camera == b.camera and bool((a.frames & b.frames).any())
 
 
 def stack(found: Sequence[PixelsAt]) -> PixelsAt:

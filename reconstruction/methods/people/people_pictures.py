@@ -36,7 +36,7 @@ def draw_people(image: Array, view: View, found: PeopleInTime, time: int) -> Arr
         places = {
             k: (round(x), round(y))
             for k, (x, y) in enumerate(pixels.tolist())
-            if ahead[k] and abs(x) + abs(y) < 1e5
+            if ahead[k] and abs(x) + abs(y) < FAR_PX
         }
         for a, b in found.skeleton.bones:
             if a in places and b in places:
@@ -51,14 +51,11 @@ def draw_people(image: Array, view: View, found: PeopleInTime, time: int) -> Arr
 def write_pictures(folder: Path, dataset: Dataset, views: Mapping[str, View], found: PeopleInTime) -> None:
     """Write a picture of each camera at the time at which most joints are known."""
     folder.mkdir()
-    known = sum(
-        (np.isfinite(person.error).sum(axis=1) for person in found.people), np.zeros(len(found.times_s))
-    )
+    known = np.sum([np.isfinite(person.error).sum(axis=1) for person in found.people], axis=0)
+    time = int(np.argmax(known))
     for name, view in views.items():
-        time = int(np.argmax(known))
-        write_image(
-            folder / f"{name}.jpg", draw_people(_image(dataset, name, found.times_s[time]), view, found, time)
-        )
+        image = _image(dataset, name, found.times_s[time])
+        write_image(folder / f"{name}.jpg", draw_people(image, view, found, time))
 
 
 def write_films(folder: Path, dataset: Dataset, views: Mapping[str, View], found: PeopleInTime) -> None:
@@ -124,10 +121,10 @@ def _curve(times: Array, values: Array, band: Array) -> dict[str, object]:
     def path(points: Iterable[Array]) -> str:
         return "M" + "L".join(f"{a:.1f} {b:.1f}" for a, b in points)
 
-    lines, bands = list[str](), list[str]()
-    for begin, end in edges:
-        run = slice(begin, end)
-        lines.append(path(np.column_stack([x[run], y[run]])))
-        upper, lower = (np.column_stack([x[run], y[run] + sign * wide[run]]) for sign in (-1, 1))
-        bands.append(path([*upper, *lower[::-1]]) + "Z")
-    return {"line": " ".join(lines), "band": " ".join(bands), "low": low, "high": high}
+    line, upper, lower = (np.column_stack([x, y + sign * wide]) for sign in (0, -1, 1))
+    return {
+        "line": " ".join(path(line[a:b]) for a, b in edges),
+        "band": " ".join(path([*upper[a:b], *lower[a:b][::-1]]) + "Z" for a, b in edges),
+        "low": low,
+        "high": high,
+    }

@@ -143,7 +143,9 @@ def save_people(scene: Scene, condition: Condition, folder: Path, method: People
         moved_px=round(found.moved_px, 3),
         people=tuple(_summary(k, person, found.times_s) for k, person in enumerate(found.people, 1)),
         left_out=_left_out(finder),
-        remarks=tuple(_remarks(finder)),
+        remarks=(f"{count(alone, 'track')} of single cameras left out: no second camera confirms them",)
+        if (alone := sum(map(len, finder.alone)))
+        else (),
     )
 
 
@@ -163,9 +165,8 @@ def _write(folder: Path, scene: Scene, found: PeopleInTime, rotation: Array, opt
     write_gltf(folder / GLTF, times_s, found.skeleton, upright)
     write_plots(folder / PLOTS, found, rotation[1], scene.unit)
     write_pictures(folder / PICTURES, scene.dataset, scene.views, found)
-    if found.people:
-        still = read_image(next(iter(sorted((folder / PICTURES).iterdir()))))
-        write_people_page(folder, scene.dataset.name, found, scene.views, still)
+    still = read_image(min((folder / PICTURES).iterdir()))
+    write_people_page(folder, scene.dataset.name, found, scene.views, still)
     if options.film:
         options.progress.step("films")
         write_films(folder / FILMS, scene.dataset, scene.views, found)
@@ -187,23 +188,11 @@ def _summary(number: int, person: Person, times_s: Array) -> PersonResult:
 
 def _left_out(finder: PeopleFinder) -> dict[str, str]:
     """Return the cameras that show nobody whom another camera confirms, each with the reason."""
-    left_out = dict[str, str]()
-    for number, name in enumerate(finder.names):
-        if not any(track.camera == number for tracks in finder.people for track in tracks):
-            seen = any(track.camera == number for track in finder.tracks)
-            left_out[name] = (
-                "whom it sees fits no other camera: is its calibration its own, and its picture not mirrored?"
-                if seen
-                else "nobody is seen in it"
-            )
-    return left_out
-
-
-def _remarks(finder: PeopleFinder) -> list[str]:
-    """Return what a person should know of the result."""
-    alone = sum(len(group) for group in finder.alone)
-    return (
-        [f"{count(alone, 'track')} of single cameras left out: no second camera confirms them"]
-        if alone
-        else []
-    )
+    used = {track.camera for tracks in finder.people for track in tracks}
+    seen = {track.camera for track in finder.tracks}
+    odd = "whom it sees fits no other camera: is its calibration its own, and its picture not mirrored?"
+    return {
+        name: odd if number in seen else "nobody is seen in it"
+        for number, name in enumerate(finder.names)
+        if number not in used
+    }

@@ -17,7 +17,6 @@ from reconstruction.methods.people.joint_tracks import (
     interpolate,
     size_of,
     stack,
-    track_times,
 )
 from reconstruction.methods.people.keypoints import CameraJoints, Keypoints
 from reconstruction.methods.people.person_matching import match_tracks
@@ -91,8 +90,7 @@ def camera_frames(
     return found
 
 
-@dataclass(frozen=True, eq=False)
-class Person:
+class Person(NamedTuple):
     """One individual at all times: positions (times, joints, 3), NaN = unknown, in the calibration's unit.
 
     `error` is the radius that holds the true position in 95 % of cases, `residual_px` the root mean square
@@ -139,17 +137,13 @@ class PeopleFinder:
         ).reshape(-1, 3, 4)
         self.middle = np.mean([view.centre for view in views], axis=0)
         self.tracks = [track for number, one in enumerate(self.frames) for track in _tracks(number, one)]
-        times = np.array(evenly_spaced(self._busiest_times().tolist(), MATCHED_TIMES))
+        busiest = max((one.frame_s[np.isfinite(one.frame_s)] for one in self.frames), key=len)
+        times = np.array(evenly_spaced(busiest.tolist(), MATCHED_TIMES))
         seen = [interpolate(track, times, period_s) for track in self.tracks]
         groups = [[self.tracks[place] for place in group] for group in match_tracks(self.tracks, seen, views)]
         self.people = [group for group in groups if len({track.camera for track in group}) > 1]
         self.alone = [group for group in groups if group not in self.people]
         """Individuals that no second camera confirms."""
-
-    def _busiest_times(self) -> Array:
-        """Return the times of the camera with the most frames."""
-        times = max((one.frame_s for one in self.frames), key=lambda of: int(np.isfinite(of).sum()))
-        return np.asarray(times[np.isfinite(times)])
 
     def at(
         self, times_s: Array, late_s: Mapping[str, Array] | None = None, *, nearest: bool = False
@@ -245,7 +239,7 @@ def _tracks(number: int, camera: CameraFrames) -> list[Track]:
         inside = ((pixels > -0.5) & (pixels < np.array([view.width, view.height]) - 0.5)).all(axis=2)
         inside &= np.isfinite(camera.frame_s)[:, None]
         pixels[~inside], confidence[~inside] = np.nan, 0.0
-        times = track_times(camera.frame_s, camera.row_s, pixels)
+        times = camera.frame_s[:, None] + camera.row_s * np.nan_to_num(pixels[..., 1])
         pixels[inside] = view.undistort(pixels[inside])
         tracks.append(Track(number, times, pixels, confidence))
     return tracks

@@ -10,7 +10,7 @@ from capture_app.common.errors import NotApplicableError
 from reconstruction.common.geometry import Array
 from reconstruction.methods.people.keypoints import Keypoints, detect_people
 from reconstruction.methods.people.people_options import PeopleOptions
-from reconstruction.methods.people.people_run import PeopleFinder, PeopleInTime, camera_frames
+from reconstruction.methods.people.people_run import PeopleFinder, PeopleInTime, Person, camera_frames
 from reconstruction.methods.people.skeletons import Skeleton
 from reconstruction.scene.conditions import SYNCHRONIZED, Condition
 from reconstruction.scene.instant_choice import instants_shown
@@ -18,20 +18,15 @@ from reconstruction.scene.scene import Scene
 
 UPS = ("auto", "x", "y", "z", "-x", "-y", "-z")
 """Values of `--up`."""
+WHOLE = "two cameras at least must see a person whole, from different sides"
 
 
 class PeopleInstant(NamedTuple):
-    """The people of one instant: positions (people, joints, 3), NaN = unknown, and what each is from.
-
-    `residual_px` and `cameras` are (people, joints).
-    """
+    """The people of one instant: a `Person` whose arrays have the people in place of the times."""
 
     instant: int
     skeleton: Skeleton
-    positions: Array
-    error: Array
-    residual_px: Array
-    cameras: Array
+    joints: Person
 
 
 def find_keypoints(scene: Scene, method: PeopleOptions) -> Keypoints:
@@ -73,7 +68,7 @@ def find_people(scene: Scene, method: PeopleOptions) -> PeopleFinder:
         what = f"somebody is seen by {' and '.join(sorted(seen))}, but" if seen else "nobody is seen:"
         raise NotApplicableError(
             f"{what} no two cameras see the same person",
-            hint="two cameras at least must see a person whole, from different sides",
+            hint=WHOLE,
         )
     return finder
 
@@ -81,7 +76,11 @@ def find_people(scene: Scene, method: PeopleOptions) -> PeopleFinder:
 def people_at(
     scene: Scene, finder: PeopleFinder, condition: Condition, method: PeopleOptions
 ) -> PeopleInTime:
-    """Locate people at the instants that a method names, or at its rate, under a condition."""
+    """Locate people at the instants that a method names, or at its rate, under a condition.
+
+    Raises:
+        NotApplicableError: nobody has joints at these times.
+    """
     dataset = scene.dataset
     chosen = dataset.chosen_instants(method.instants)
     instants_s = (np.array(dataset.instants_ns, np.int64) - dataset.instants_ns[0]) / 1e9
@@ -93,12 +92,12 @@ def people_at(
         nearest = np.abs(instants_s[:, None] - times_s).argmin(axis=0)
         shown = [instants_shown(dataset, condition, int(k)) for k in nearest]
         late_s = {
-            name: np.array(
-                [instants_s[one[name]] - instants_s[k] for k, one in zip(nearest, shown, strict=True)]
-            )
-            for name in finder.names
+            name: instants_s[[one[name] for one in shown]] - instants_s[nearest] for name in finder.names
         }
-    return finder.at(times_s, late_s, nearest=method.nearest)
+    found = finder.at(times_s, late_s, nearest=method.nearest)
+    if not found.people:
+        raise NotApplicableError("nobody has joints at these times that two cameras agree on", hint=WHOLE)
+    return found
 
 
 def instants_of_people(scene: Scene, condition: Condition, method: PeopleOptions) -> Iterator[PeopleInstant]:
@@ -108,14 +107,8 @@ def instants_of_people(scene: Scene, condition: Condition, method: PeopleOptions
     )
     found = people_at(scene, finder, condition, method)
     for number, instant in enumerate(scene.dataset.chosen_instants(method.instants)):
-        yield PeopleInstant(
-            instant,
-            found.skeleton,
-            np.array([person.positions[number] for person in found.people]),
-            np.array([person.error[number] for person in found.people]),
-            np.array([person.residual_px[number] for person in found.people]),
-            np.array([person.cameras[number] for person in found.people]),
-        )
+        people = zip(*([array[number] for array in person] for person in found.people), strict=True)
+        yield PeopleInstant(instant, found.skeleton, Person(*map(np.array, people)))
 
 
 def up_axes(scene: Scene, up: str) -> Array:
@@ -126,9 +119,8 @@ def up_axes(scene: Scene, up: str) -> Array:
     if up == "auto":
         upwards = -np.mean([view.rotation[1] for view in scene.views.values()], axis=0)
         axis = int(np.abs(upwards).argmax())
-        sign = float(np.sign(upwards[axis]))
-    else:
-        axis, sign = "xyz".index(up[-1]), -1.0 if up.startswith("-") else 1.0
+        up = ("" if upwards[axis] > 0 else "-") + "xyz"[axis]
+    axis, sign = "xyz".index(up[-1]), -1.0 if up.startswith("-") else 1.0
     rows = np.eye(3)[[(axis + 2) % 3, axis, (axis + 1) % 3]]
     return np.asarray(rows * np.array([1.0, sign, sign])[:, None])
 

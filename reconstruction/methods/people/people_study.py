@@ -64,20 +64,22 @@ class PeopleStudy(Score):
         if side == CONDITIONS[0]:
             self._synced[result.instant] = result
         synced = self._synced[result.instant]
-        known, lengths, usual = np.isfinite(result.error), _bones(result), _bones(synced)
+        joints, usual = result.joints, synced.joints
+        known = np.isfinite(joints.error)
         measured = Measurements(
-            shares={"agreeing": (int(result.cameras[known].sum()), int(known.sum()) * len(self.cameras))},
-            medians={"reprojection_px": result.residual_px[known]},
+            shares={"agreeing": (int(joints.cameras[known].sum()), int(known.sum()) * len(self.cameras))},
+            medians={"reprojection_px": joints.residual_px[known]},
         )
-        if known.shape == synced.error.shape:
-            apart = np.linalg.norm(result.positions - synced.positions, axis=2)
+        if known.shape == usual.error.shape:
+            apart = np.linalg.norm(joints.positions - usual.positions, axis=2)
             measured.medians["moved"] = apart[np.isfinite(apart)]
-            changed = np.abs(lengths / usual - 1)
+            changed = np.abs(_bones(result) / _bones(synced) - 1)
             measured.medians["bones"] = changed[np.isfinite(changed)]
         return measured
 
 
 def _bones(result: PeopleInstant) -> Array:
     """Return the lengths (people, bones)."""
+    places = result.joints.positions
     a, b = np.array(result.skeleton.bones, int).reshape(-1, 2).T
-    return np.asarray(np.linalg.norm(result.positions[:, a] - result.positions[:, b], axis=2))
+    return np.asarray(np.linalg.norm(places[:, a] - places[:, b], axis=2))

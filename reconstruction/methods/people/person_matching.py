@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from reconstruction.common.geometry import Array, View, other_from_reference
-from reconstruction.methods.people.joint_tracks import RELIABLE, PixelsAt, Track, overlap, size_of, stack
+from reconstruction.methods.people.joint_tracks import RELIABLE, PixelsAt, Track, size_of, stack
 
 MAX_DISTANCE = 0.06
 """Largest epipolar distance of one individual's tracks, relative to its size in the images."""
@@ -19,13 +19,14 @@ def match_tracks(tracks: Sequence[Track], seen: Sequence[PixelsAt], views: Seque
     `seen` is where the tracks are at some common times, `views` are the cameras'. Groups of tracks are merged
     by average distance, the nearest first; a camera never has an individual twice in a frame.
     """
-    number = len(tracks)
+    if (number := len(tracks)) < 2:
+        return [[place] for place in range(number)]
     costs = _distances(tracks, seen, views)
     groups = {place: [place] for place in range(number)}
-    apart = np.array([[overlap(a, b) for b in tracks] for a in tracks]).reshape(number, number)
-    np.fill_diagonal(apart, True)
+    # A track shares its frames with itself, too.
+    apart = np.array([[a.camera == b.camera and (a.frames & b.frames).any() for b in tracks] for a in tracks])
     sums, counts = np.nan_to_num(costs), np.isfinite(costs).astype(float)
-    while number > 1:
+    while True:
         with np.errstate(invalid="ignore", divide="ignore"):
             mean = np.where((counts > 0) & ~apart, sums / counts, np.inf)
         first, second = (int(index) for index in np.unravel_index(int(mean.argmin()), mean.shape))
@@ -47,8 +48,6 @@ def _distances(tracks: Sequence[Track], seen: Sequence[PixelsAt], views: Sequenc
     NaN where they share too few joints.
     """
     costs = np.full((len(tracks), len(tracks)), np.nan)
-    if not tracks:
-        return costs
     at = stack(seen)
     homogeneous = np.concatenate([at.pixels, np.ones((*at.pixels.shape[:3], 1))], axis=3)
     reliable = (at.confidence > RELIABLE) & np.isfinite(at.pixels[..., 0])

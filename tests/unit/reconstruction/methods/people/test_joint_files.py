@@ -1,6 +1,7 @@
 """Joints of other programs, read into the frames of a session's cameras."""
 
 import json
+import pickle
 from pathlib import Path
 
 import h5py
@@ -59,6 +60,32 @@ def test_deeplabcut_csv_a_file_each(tmp_path: Path, dataset: Dataset, individual
     assert found.skeleton.joints == ("nose", "tail")
     assert frame.pixels[0, 0].tolist() == [4.5, 2.0]
     assert frame.confidence[0].tolist() == [0.9, 0.0]
+
+
+def test_deeplabcut_h5_a_file_each(tmp_path: Path, dataset: Dataset) -> None:
+    columns = [("net", joint, axis) for joint in ("nose", "tail") for axis in ("x", "y", "likelihood")]
+    for camera in CAMERAS:
+        with h5py.File(tmp_path / f"{camera}DLC_resnet50.h5", "w") as file:
+            group = file.create_group("df_with_missing")
+            group.attrs["non_index_axes"] = np.bytes_(pickle.dumps([(1, columns)], 0))
+            kinds = [("index", "<i8"), ("values_block_0", "<f8", (6,))]
+            rows = [(k, (k, k + 0.5, 0.9, np.nan, np.nan, 0.01)) for k in range(5)]
+            group["table"] = np.array(rows, kinds)
+    found = read_keypoints(tmp_path, dataset, CAMERAS)
+    frame = found.cameras["cam01"][4]
+    assert found.skeleton.joints == ("nose", "tail")
+    assert frame.pixels[0, 0].tolist() == [4.0, 4.5]
+    assert frame.confidence[0].tolist() == [0.9, 0.0]
+
+
+def test_an_h5_that_could_run_code_is_refused(tmp_path: Path, dataset: Dataset) -> None:
+    for camera in CAMERAS:
+        with h5py.File(tmp_path / f"{camera}.h5", "w") as file:
+            group = file.create_group("df_with_missing")
+            group.attrs["non_index_axes"] = np.bytes_(pickle.dumps([(1, print)], 0))
+            group["table"] = np.zeros(3, [("index", "<i8"), ("values_block_0", "<f8", (6,))])
+    with pytest.raises(BadInputError, match="no joints of a kind that is known"):
+        read_keypoints(tmp_path, dataset, CAMERAS)
 
 
 def test_sleap_analysis_a_file_each(tmp_path: Path, dataset: Dataset) -> None:

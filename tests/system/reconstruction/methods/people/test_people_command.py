@@ -1,0 +1,97 @@
+"""`reconstruct people` as a user meets it: what it writes, and one sentence for what it cannot."""
+
+import sys
+from pathlib import Path
+
+import av
+import numpy as np
+import pytest
+
+from capture_app.common.errors import ExitCode
+from reconstruction import open_session
+from reconstruction.methods.people import blazepose_weights
+from reconstruction.methods.people.blazepose import BlazePose
+from tests.project import JUMPER
+from tests.system.reconstruction.methods.people.labels import INSTANTS, JOINTS, truth, write_csv
+from tests.unit.reconstruction.conftest import HEIGHT, VIEWS, WIDTH, Reconstruct, Scene, write_session
+
+
+def refusal(reconstruct: Reconstruct, out: Path, *arguments: object, code: ExitCode) -> str:
+    """Return the sentence with which the command refuses; nothing is written."""
+    done = reconstruct("people", *arguments, "--out", out)
+    assert done.code == code, done.err
+    assert not out.exists()
+    assert "Traceback" not in done.err
+    return done.complaint
+
+
+def test_python_gives_arrays_with_names(tmp_path: Path) -> None:
+    made = open_session(JUMPER).people(keypoints=str(write_csv(tmp_path / "labels")), out=tmp_path / "out")
+    assert made.result.joints == JOINTS
+    assert len(made.times_s) == INSTANTS
+    assert np.abs(made.positions(1) - truth()).max() < 1e-3
+    assert made.errors(1).shape == (INSTANTS, len(JOINTS))
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == [
+        "c3d", "people.csv", "people.gltf", "people.json", "pictures", "plots", "trc", "walk.html",
+    ]  # fmt: skip
+
+
+def test_a_film_shows_each_instant_of_each_camera(tmp_path: Path, reconstruct: Reconstruct) -> None:
+    labels, out = write_csv(tmp_path / "labels"), tmp_path / "out"
+    done = reconstruct("people", JUMPER, "--keypoints", labels, "--film", "--smooth", 6, "--out", out)
+    assert done.code == 0, done.err
+    films = sorted((out / "films").iterdir())
+    assert [film.name for film in films] == [f"cam{k}.mp4" for k in ("00", "01", "04", "05", "06")]
+    with av.open(str(films[0])) as film:
+        assert len([*film.decode(video=0)]) == INSTANTS
+    assert (out / "smoothed" / "person1.trc").is_file()
+
+
+def test_compare_says_how_far_delayed_joints_are(tmp_path: Path, reconstruct: Reconstruct) -> None:
+    result = reconstruct("compare", JUMPER, "--study", "people", "--json", "--out", tmp_path / "out").result
+    (study,) = (one for one in result["studies"] if one["name"] == "people")
+    assert not study["reason"]
+    assert "Joints of people in pictures of one instant fit the cameras to" in result["verdict"]
+
+
+def test_one_camera_is_refused(tmp_path: Path, reconstruct: Reconstruct) -> None:
+    labels = write_csv(tmp_path / "labels", cameras=1)
+    said = refusal(reconstruct, tmp_path / "out", JUMPER, "--keypoints", labels, code=ExitCode.BAD_INPUT)
+    assert "has joints of 1 of the cameras" in said
+
+
+def test_nobody_is_refused(tmp_path: Path, reconstruct: Reconstruct, monkeypatch: pytest.MonkeyPatch) -> None:
+    nobody = np.zeros((0, 33, 2)), np.zeros((0, 33))
+    monkeypatch.setattr(BlazePose, "__init__", lambda detector, model: None)
+    monkeypatch.setattr(BlazePose, "detect", lambda detector, image: nobody)
+    said = refusal(reconstruct, tmp_path / "out", JUMPER, code=ExitCode.BAD_INPUT)
+    assert "nobody is seen: no two cameras see the same person" in said
+
+
+def test_missing_weights_are_said_with_the_command_that_fetches_them(
+    tmp_path: Path, reconstruct: Reconstruct, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(blazepose_weights, "folders", lambda: [tmp_path])
+    said = refusal(reconstruct, tmp_path / "out", JUMPER, code=ExitCode.NOT_AVAILABLE)
+    assert "pose_detection.tflite is not on this machine" in said
+    assert "-m reconstruction.methods.people.blazepose_weights full" in said
+
+
+@pytest.mark.parametrize("package", ["ai_edge_litert.interpreter", "ezc3d"])
+def test_a_missing_extra_is_said_with_its_name(
+    tmp_path: Path, reconstruct: Reconstruct, monkeypatch: pytest.MonkeyPatch, package: str
+) -> None:
+    monkeypatch.setitem(sys.modules, package, None)
+    said = refusal(reconstruct, tmp_path / "out", JUMPER, code=ExitCode.NOT_AVAILABLE)
+    assert "people" in said
+
+
+def test_a_session_without_a_calibration_is_refused(
+    tmp_path: Path, reconstruct: Reconstruct, scene: Scene, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    grey = np.full((HEIGHT, WIDTH), 90, np.uint8)
+    monkeypatch.setattr(scene, "look", lambda view, time: (grey, grey / 90, grey > 90))
+    views = {name: VIEWS[name] for name in ("left", "right")}
+    blank = write_session(tmp_path, scene, views, calibrated=False, truth=False)
+    said = refusal(reconstruct, tmp_path / "out", blank.folder, code=ExitCode.BAD_INPUT)
+    assert "calibrat" in said

@@ -52,6 +52,7 @@ def test_compare_says_how_far_delayed_joints_are(tmp_path: Path, reconstruct: Re
     (study,) = (one for one in result["studies"] if one["name"] == "people")
     assert not study["reason"]
     assert "Joints of people in pictures of one instant fit the cameras to" in result["verdict"]
+    assert "Change of bones" in (tmp_path / "out" / "report.html").read_text()
 
 
 def test_one_camera_is_refused(tmp_path: Path, reconstruct: Reconstruct) -> None:

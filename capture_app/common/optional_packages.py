@@ -44,12 +44,15 @@ def require_reconstruction(package: str, purpose: str) -> None:
     Raises:
         NotAvailableError: it is not installed, or has no package for this machine.
     """
-    try:
-        is_here = find_spec(package) is not None
-    except (ModuleNotFoundError, ValueError):
-        is_here = False
-    if not is_here:
+    if not _is_here(package):
         raise _not_installed(package, RECONSTRUCTION, purpose)
+
+
+def _is_here(module: str) -> bool:
+    try:
+        return find_spec(module) is not None
+    except (ModuleNotFoundError, ValueError):
+        return False
 
 
 def _not_installed(package: str, extra: str, purpose: str, hint: str = "") -> NotAvailableError:
@@ -81,7 +84,7 @@ def how_to_install(extra: str) -> str:
         if need.marker
         and need.marker.evaluate({**here, "extra": extra})
         and not need.marker.evaluate({**here, "extra": ""})
-        and not (need.name == _OPEN3D and find_spec("open3d") is not None)
+        and not (need.name == _OPEN3D and _is_here("open3d"))
     ]
     if not needed:
         return (

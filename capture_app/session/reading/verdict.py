@@ -115,7 +115,9 @@ def judge(manifest: Manifest, *, arriving: bool = False) -> Verdict:
     missing = expected - len(manifest.images)
     lost, ordered = frames_lost(manifest), manifest.ordered_instants
     capped = cap_grade(grade, max(lost.values(), default=0) / max(1, ordered), missing, expected)
-    worst = "" if silent or manifest.burst.absent else _worst_camera(lost, ordered)
+    # Where nothing is known of the times, that comes first.
+    named_otherwise = silent or manifest.burst.absent or grade == "unknown"
+    worst = "" if named_otherwise else _worst_camera(lost, ordered)
     gaps = _common_gaps(manifest) if missing else ""
     completeness = "; ".join(filter(None, (absence, worst, _completeness(missing, expected, sync, gaps))))
     if arriving:

@@ -109,9 +109,8 @@
     const { subject, spot, scale, distance } = data.path;
     const ahead = unit(add(subject, from, -1)), right = unit(cross(data.path.down, ahead)), down = cross(ahead, right);
     const wide = target.width, high = target.height, shape = data.width / data.height;
-    // An upright screen shows less of the picture's sides, and more above and below it.
-    const inside = Math.min(wide, high * shape);
-    const width = Math.sqrt(inside * Math.max(inside, high * shape)), height = width / shape;
+    /* The whole of the picture's shape is in the canvas. */
+    const width = Math.min(wide, high * shape), height = width / shape;
     const focal = scale * width * distance;
     const cx = (wide - width) / 2 + spot[0] * width, cy = (high - height) / 2 + spot[1] * height;
     const n = data.path.near, f = data.path.far;

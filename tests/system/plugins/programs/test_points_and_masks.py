@@ -56,5 +56,5 @@ def test_a_distortion_that_no_lens_has(make: Make, export: Export) -> None:
     content["cameras"]["right"]["distortion"] = [-50.0, 0.0, 0.0, 0.0, -1e4]
     path.write_text(json.dumps(content))
     for name in ("n3dv", "freemocap", "easyvolcap"):
-        with pytest.raises(BadInputError, match="no lens has the distortion"):
+        with pytest.raises(BadInputError, match="its distortion folds the picture"):
             export(Session.open(session.folder), name)

@@ -48,11 +48,10 @@ class Lens:
     @cached_property
     def limit(self) -> tuple[float, float]:
         """The largest one-to-one radius: of rays (x / z), and of pixels about the centre in focal lengths."""
-        slope = self._bend.deriv()
-        if not np.isfinite(slope.coef).all():
+        if not np.isfinite(self._slopes).all():
             return 0.0, 0.0
-        roots = np.asarray(slope.roots(), complex)
-        folds = _BEFORE_FOLD * roots.real[(np.abs(roots.imag) < 1e-9) & (roots.real > 0)]
+        squares = np.roots(self._slopes).astype(complex)
+        folds = _BEFORE_FOLD * np.sqrt(squares.real[(np.abs(squares.imag) < 1e-9) & (squares.real > 0)])
         if np.isinf(at := float(min([*folds, _WIDEST if self.is_fisheye else np.inf]))):
             return np.inf, np.inf
         if self.is_fisheye:
@@ -84,13 +83,13 @@ class Lens:
         end = np.arctan(self.limit[0]) if self.is_fisheye else min(1.0, self.limit[0])
         while np.isinf(self.limit[0]) and self._bend(end) < 2 * radius.max():
             end *= 2
-        table, shift = np.linspace(0.0, end, 2000), np.zeros_like(flat)
+        table, shift = np.linspace(0.0, end, 500), np.zeros_like(flat)
         for _ in range(_TANGENTIAL_STEPS if self._tangential(flat).any() else 1):
             bent = flat - shift
             radius = np.hypot(bent[:, 0], bent[:, 1]).clip(_TINY)
             at = np.interp(radius, self._bend(table), table)
-            for _ in range(4):
-                at = at - (self._bend(at) - radius) / self._bend.deriv()(at)
+            for _ in range(2):
+                at = at - (self._bend(at) - radius) / np.polyval(self._slopes, at * at)
             rays = bent * ((np.tan(at) if self.is_fisheye else at) / radius)[:, None]
             shift = self._tangential(rays)
         return np.asarray(rays)
@@ -135,10 +134,18 @@ class Lens:
         return xs, ys
 
     @cached_property
-    def _bend(self) -> np.polynomial.Polynomial:
-        """The radius of pixels by that of rays: of x / z, for a fisheye of the angle (radians)."""
-        terms = self.distortion if self.is_fisheye else self.distortion[[0, 1, 4]]
-        return np.polynomial.Polynomial(np.kron([1.0, *terms], [0.0, 1.0]))
+    def _terms(self) -> Array:
+        """Radial terms, of the highest power of the squared radius first."""
+        return np.array([1.0, *(self.distortion if self.is_fisheye else self.distortion[[0, 1, 4]])])[::-1]
+
+    @cached_property
+    def _slopes(self) -> Array:
+        """Terms of the derivative of `_bend`."""
+        return np.asarray(self._terms * np.arange(2 * len(self._terms) - 1, 0, -2))
+
+    def _bend(self, radius: Array | float) -> Array:
+        """Return the radius of pixels by that of rays: of x / z, for a fisheye of the angle (radians)."""
+        return np.asarray(np.polyval(self._terms, np.square(radius)) * radius)
 
     def _tangential(self, rays: Array) -> Array:
         """Return how far tangential terms move the pixels (n, 2) of rays, in focal lengths."""

@@ -10,18 +10,19 @@ from reconstruction.methods.people.keypoints import FrameJoints
 from tests.unit.reconstruction.methods.people.takes import STEP_S, TIMES_S, errors_mm, finder, take
 
 INNER = TIMES_S[6:-6]
+EVERY_OTHER = INNER[::2]
 RUN = moving("run", phase=0.4)
 
 
 def test_cameras_half_a_frame_apart_are_as_good_as_synchronized_ones_and_nearest_frames_are_not() -> None:
-    (synced,) = finder(take([RUN])).at(INNER).people
+    (synced,) = finder(take([RUN])).at(EVERY_OTHER).people
     late = finder(take([RUN], late=(0, 0.5, 0, 0.5)))
-    (by_time,), (nearest,) = late.at(INNER).people, late.at(INNER, nearest=True).people
+    (by_time,), (nearest,) = late.at(EVERY_OTHER).people, late.at(EVERY_OTHER, nearest=True).people
     best, own, paired = (
-        float(errors_mm(one.positions, RUN, INNER).mean()) for one in (synced, by_time, nearest)
+        float(errors_mm(one.positions, RUN, EVERY_OTHER).mean()) for one in (synced, by_time, nearest)
     )
     assert own < 1.1 * best < paired
-    within = errors_mm(by_time.positions, RUN, INNER) <= by_time.error * 1e3
+    within = errors_mm(by_time.positions, RUN, EVERY_OTHER) <= by_time.error * 1e3
     assert 0.93 < within.mean() < 0.97
 
 
@@ -53,17 +54,6 @@ def test_two_people_who_pass_each_other_are_not_mixed() -> None:
             float(np.nanmedian(errors_mm(person.positions, one, INNER), axis=1).max()) for one in crossing
         ]
         assert min(errors) < 60 < 200 < max(errors)
-
-
-def test_twenty_people_are_twenty() -> None:
-    crowd = [moving("walk", (0.8 * (k % 5) - 1.6, 0.8 * (k // 5) - 1.2), phase=0.7 * k) for k in range(20)]
-    at = TIMES_S[2:5]
-    found = finder(take(crowd, 3, noise_px=1.5, times_s=TIMES_S[:7])).at(at)
-    nearest = [
-        int(np.argmin([np.nanmedian(errors_mm(one.positions, who, at)) for who in crowd]))
-        for one in found.people
-    ]
-    assert sorted(nearest) == list(range(20))
 
 
 def test_what_one_camera_alone_sees_is_a_gap() -> None:

@@ -24,7 +24,7 @@ WIDE = {
 
 @pytest.fixture(scope="module")
 def wide(scene: Scene, tmp_path_factory: pytest.TempPathFactory) -> Session:
-    return write_session(tmp_path_factory.mktemp("fisheyes"), scene, WIDE, instants=2)
+    return write_session(tmp_path_factory.mktemp("fisheyes"), scene, WIDE, instants=1)
 
 
 def test_images_and_truth_are_redrawn_for_a_perspective_lens(
@@ -46,6 +46,11 @@ def test_depth_of_fisheyes_is_right_where_the_redrawn_images_see(
     wide: Session, tmp_path: Path, reconstruct: Reconstruct
 ) -> None:
     assert reconstruct("stereo", wide.folder, "--out", tmp_path / "depth").code == 0
+
+
+def test_what_is_known_of_a_fisheye_is_checked_against_its_images(
+    wide: Session, reconstruct: Reconstruct
+) -> None:
     checked = reconstruct("calibrate", wide.folder, "--from", "session", "--json")
     assert checked.code == 0, checked.err
     assert msgspec.json.decode(checked.out)["quality"]["inlier_share"] > 0.6

@@ -7,16 +7,17 @@ timestamps. As with a driver, frames wait in as many buffers as the product asks
 are lost.
 """
 
-import asyncio
 import json
 import random
 import sys
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import cast
 
 from capture_app.cameras.base import Camera, OnFailure, OnFrame, buffer_count
-from capture_app.cameras.frames import CapturedFrame, JpegPicture
+from capture_app.cameras.frame_reader import FrameReader
+from capture_app.cameras.frames import CapturedFrame, JpegPicture, raise_priority
 from capture_app.commands.shared_options import run_until_stopped
 from capture_app.common.address import parse_address
 from capture_app.common.camera_facts import CameraFacts, PhaseControl, TimestampSource
@@ -67,7 +68,7 @@ class MemoryCamera(Camera):
         self._buffers = buffer_count(
             frame_bytes, self._period_ns, max_count=MAX_BUFFERS, max_bytes=MAX_BUFFER_BYTES
         )
-        self._stream, self._timer = -1, cast(asyncio.TimerHandle | None, None)
+        self._stream, self._reader = -1, cast(FrameReader[CapturedFrame] | None, None)
 
     async def start(self, on_frame: OnFrame, on_failure: OnFailure) -> None:
         """Start streaming at the next whole period of the machine's clock."""
@@ -81,29 +82,26 @@ class MemoryCamera(Camera):
 
     async def stop(self) -> None:
         """Stop streaming."""
-        if self._timer is not None:
-            self._timer.cancel()
+        if self._reader is not None:
+            self._reader.stop()
 
     def _begin(self, start_ns: int) -> None:
+        if self._reader is not None:
+            self._reader.stop()
+            self._reader.join()
         self._start_ns, self._next, self._stream = start_ns, 0, self._stream + 1
-        self._wait()
+        self._reader = FrameReader(
+            self._read, self._on_frame, print, period_ns=self._period_ns, buffers=self._buffers
+        )
+        self._reader.start()
 
-    def _wait(self) -> None:
-        if self._timer is not None:
-            self._timer.cancel()
-        due_ns = self._start_ns + self._next * self._period_ns + DELIVERY_NS
-        delay_s = max(0, due_ns - time.monotonic_ns()) / 1e9
-        self._timer = asyncio.get_running_loop().call_later(delay_s, self._drain)
-
-    def _drain(self) -> None:
-        """Hand over what is in the buffers; a driver without a free buffer has lost the newest frames."""
+    def _read(self) -> Iterator[CapturedFrame]:
+        """Yield what is in the buffers; a driver without a free buffer has lost the newest frames."""
         newest = (time.monotonic_ns() - self._start_ns - DELIVERY_NS) // self._period_ns
-        for number in range(self._next, min(newest + 1, self._next + self._buffers)):
+        first, self._next = self._next, max(self._next, newest + 1)
+        for number in range(first, min(newest + 1, first + self._buffers)):
             at_ns = self._start_ns + number * self._period_ns + self._jitter_ns[number % 997]
-            picture = self._pictures[number % len(self._pictures)]
-            self._on_frame(CapturedFrame(number, self._stream, at_ns, picture))
-        self._next = max(self._next, newest + 1)
-        self._wait()
+            yield CapturedFrame(number, self._stream, at_ns, self._pictures[number % len(self._pictures)])
 
 
 def main() -> None:
@@ -121,6 +119,7 @@ def main() -> None:
             log=Log(print),
         )
     )
+    raise_priority()
     run_until_stopped(run_nodes({name: node}, Log(print)))
 
 

@@ -159,6 +159,12 @@ def _rows(layout: PixelFormat) -> int:
     return layout.height * 3 // 2 if layout.fourcc == "NV12" else layout.height
 
 
+def raise_priority() -> None:
+    """Raise the calling thread's priority if permitted: drivers drop what is not taken in time."""
+    with suppress(OSError):
+        os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), -10)
+
+
 def lower_priority() -> None:
     """Lower the calling thread's priority below all others of this process: the clock exchange runs first."""
     # Linux has a niceness per thread; on systems without one, all threads stay equal.

@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 
 from msgspec.structs import replace
 
-from capture_app.cameras.frames import CapturedFrame, lower_priority
+from capture_app.cameras.frames import CapturedFrame
 from capture_app.common.address import Address
 from capture_app.common.errors import (
     CameraError,
@@ -315,7 +315,7 @@ class Uploader:
         self._to_encode = asyncio.Event()
         self._to_sync = asyncio.Event()
         self._space_is_due = False
-        self._thread = ThreadPoolExecutor(1, "encode", initializer=lower_priority)
+        self._thread = ThreadPoolExecutor(1, "encode")
         self._encoding: asyncio.Task[None] | None = None
         self._stream: Channel[Any] | None = None
         self._roots: Collection[str] = ()

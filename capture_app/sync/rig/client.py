@@ -5,7 +5,7 @@ Accepted bursts stay pending until their frames are selected, even if their lead
 
 import random
 from collections import deque
-from collections.abc import MutableSequence
+from collections.abc import Iterable, MutableSequence
 from dataclasses import dataclass, replace
 from math import hypot
 from typing import Any, Generic
@@ -248,11 +248,12 @@ class Client(TimeClient, Generic[F]):
             case _:
                 pass
 
-    def frame_arrived(self, stamp: FrameStamp, frame: F, now_ns: int, size_bytes: int = 0) -> None:
-        """Store the next frame of the stream, which takes `size_bytes` of memory, and select what is due."""
-        self.ring.add(stamp.timestamp_ns, frame, size_bytes)
-        if dropped := self.aligner.add_frame(stamp):
-            self._events.append(FramesDropped(dropped, stamp.sequence))
+    def frames_arrived(self, frames: Iterable[tuple[FrameStamp, F, int]], now_ns: int) -> None:
+        """Store the next frames of the stream, each with its bytes of memory, and select what is due."""
+        for stamp, frame, size_bytes in frames:
+            self.ring.add(stamp.timestamp_ns, frame, size_bytes)
+            if dropped := self.aligner.add_frame(stamp):
+                self._events.append(FramesDropped(dropped, stamp.sequence))
         self._finish_bursts(now_ns)
         self._align(now_ns)
 

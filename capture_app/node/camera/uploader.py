@@ -40,7 +40,7 @@ from capture_app.protocol.messages import (
     ReportAck,
     SpoolSpace,
 )
-from capture_app.session.format.manifest import WidenedTimes
+from capture_app.session.format.manifest import MAX_MOVES, PhaseMove, WidenedTimes
 from capture_app.sync.rig.frame_selection import FramesSelected, SelectedFrame
 from capture_app.trust.identity import is_proven
 from capture_app.trust.trust import Trust
@@ -392,6 +392,14 @@ class Uploader:
         """Report to the leader that a clock was wrong, for every burst that is not finished."""
         for upload in self._bursts:
             upload.widen_times(times)
+        self._changed.set()
+
+    def note_move(self, move: PhaseMove) -> None:
+        """Report to the leader that a stream was moved, for every recording that is under way."""
+        for upload in self._bursts:
+            camera = upload.report.plan.camera
+            if upload.is_picking and len(camera.moves) < MAX_MOVES:
+                upload.report = upload.report.with_plan(camera=replace(camera, moves=(*camera.moves, move)))
         self._changed.set()
 
     def cancel_burst(self, leader: int, burst: int) -> None:

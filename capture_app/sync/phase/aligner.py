@@ -214,9 +214,14 @@ class Aligner:
         return not is_blurred and self._run_settled
 
     @property
+    def is_moving(self) -> bool:
+        """Whether the effect of a command is awaited."""
+        return self._pending is not None
+
+    @property
     def meets_bursts(self) -> bool:
         """Whether a stream that drifts too fast to be held is brought to its grid for each burst."""
-        return self._pending is None and self.window.drifts_fast and self.actuator.meets_bursts
+        return not self.is_moving and self.window.drifts_fast and self.actuator.meets_bursts
 
     @property
     def start_latencies_ns(self) -> tuple[int, ...]:
@@ -291,13 +296,15 @@ class Aligner:
         *,
         hold: bool = False,
         burst_leader_ns: tuple[int, int] | None = None,
+        is_recording: bool = False,
         common_instant_leader_ns: int | None = None,
     ) -> CameraCommand | None:
         """Judge the stream now, and return the command to carry out at once, if one is needed.
 
         `hold=True` starts no correction that is visible in images. `burst_leader_ns` holds the first and
         last instants of a burst. Injections with a known effect bring the stream to its grid for that burst,
-        but no visible correction starts from shortly before the burst on. A stream that can only be restarted
+        but no visible correction starts from shortly before the burst on, unless it is a recording that is
+        under way (`is_recording`). A stream that can only be restarted
         is judged by its phase at `common_instant_leader_ns`, if that is in the future.
         """
         self.complete_command(now_local_ns)
@@ -307,7 +314,9 @@ class Aligner:
         if self.window.is_open(now) and burst_leader_ns is None:
             return None
         drift = self._drift(now, now_local_ns)
-        if burst_leader_ns is not None:
+        if is_recording:
+            setpoint = self.actuator.setpoint_in_recording(drift)
+        elif burst_leader_ns is not None:
             first_ns, last_ns = burst_leader_ns
             setpoint = self.actuator.setpoint_for_burst(
                 drift, begins_ns=first_ns - now.at_leader_ns, lasts_ns=last_ns - first_ns

@@ -27,6 +27,7 @@ from capture_app.sync.rig.events import (
     ForeignTrigger,
     FramesDropped,
     PhaseCorrected,
+    PhaseMoved,
     TriggerCancelled,
 )
 from capture_app.sync.rig.frame_selection import (
@@ -73,6 +74,8 @@ class ClientConfig:
     """Measured delays from start command to first frame of this camera, newest last."""
     clock_tolerance_ns: int | None = None
     """Requested accuracy of the clock; None for what the link can bear, at least the phase's tolerance."""
+    moves_in_recordings: bool = True
+    """Whether a recorded stream that drifts is brought back by one longer frame."""
 
     @property
     def phase_tolerance_ns(self) -> int:
@@ -345,7 +348,10 @@ class Client(TimeClient, Generic[F]):
             return
         was_aligned, corrections = self._is_aligned, aligner.corrections
         before = aligner.estimate(time_map, grid.grid_of_stamps, time_map.leader_from_local(now_ns))
+        was_moving, phase = aligner.is_moving, aligner.phase
         aligner.complete_command(now_ns)
+        if was_moving and not aligner.is_moving and self.has_burst_pending and phase.last_shift_ns:
+            self._events.append(PhaseMoved(phase.run_begun_ns, phase.last_shift_ns))
         if not aligner.settled:
             self._reported = self._answered = False
         is_news = aligner.settled and not self._reported
@@ -357,6 +363,7 @@ class Client(TimeClient, Generic[F]):
             burst_leader_ns=self._bursts.first_before(
                 time_map.leader_from_local(now_ns + HOLD_BEFORE_BURST_NS)
             ),
+            is_recording=self.config.moves_in_recordings and self._bursts.is_recording(grid.rig_grid),
             common_instant_leader_ns=grid.common_instant_leader_ns,
         )
         if command is not None:

@@ -17,11 +17,12 @@ from typing import cast
 
 from capture_app.cameras.base import Camera, OnFailure, OnFrame, buffer_count
 from capture_app.cameras.frame_reader import FrameReader
-from capture_app.cameras.frames import CapturedFrame, JpegPicture, raise_priority
+from capture_app.cameras.frames import CapturedFrame, JpegPicture
 from capture_app.commands.shared_options import run_until_stopped
 from capture_app.common.address import parse_address
 from capture_app.common.camera_facts import CameraFacts, PhaseControl, TimestampSource
 from capture_app.common.clock import HostClock
+from capture_app.common.priority import raise_priority
 from capture_app.node.camera.camera_node import CameraNode
 from capture_app.node.camera.node_group import run_nodes
 from capture_app.node.camera.supervisor import NodeOptions

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable
 from contextlib import suppress
 from typing import Generic, TypeVar
 
-from capture_app.cameras.frames import raise_priority
+from capture_app.common.priority import raise_priority
 
 F = TypeVar("F")
 PACE_NS, BUFFERED_FRACTION = 50_000_000, 0.25

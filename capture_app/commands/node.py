@@ -101,7 +101,7 @@ def node(
     Without --leader the node searches the local network, and asks if there are several leaders. A relay's
     address works like a leader's. An unpaired machine is paired once, by --code or by the code asked for.
     """
-    from capture_app.cameras.frames import raise_priority
+    from capture_app.common.priority import raise_priority
     from capture_app.node.camera.node_group import camera_node, name_cameras, run_nodes
     from capture_app.node.camera.spool import free_spool
 

@@ -7,8 +7,8 @@ import threading
 import numpy as np
 from numpy.typing import NDArray
 
-from capture_app.cameras.frames import lower_priority
 from capture_app.common.errors import BadInputError
+from capture_app.common.priority import lower_priority
 from capture_app.plugins.cameras.sim.rendering.layers import (
     SUBPIXELS,
     MovingPart,

@@ -33,7 +33,7 @@ from capture_app.trust.trust import Trust
 JITTER_NS = 20_000
 """Standard deviation of the timestamps."""
 DELIVERY_NS = 3_000_000
-MAX_BUFFERS, MAX_BUFFER_BYTES = 24, 64 << 20
+MAX_BUFFERS, MAX_BUFFER_BYTES = 32, 128 << 20
 """Limits of the driver for Video4Linux."""
 
 
@@ -94,7 +94,6 @@ class MemoryCamera(Camera):
         self._reader = FrameReader(
             self._read, self._on_frame, print, period_ns=self._period_ns, buffers=self._buffers
         )
-        self._reader.start()
 
     def _read(self) -> Iterator[CapturedFrame]:
         """Yield what is in the buffers; a driver without a free buffer has lost the newest frames."""

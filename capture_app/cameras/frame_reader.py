@@ -18,7 +18,7 @@ BUDGET_NS = 4_000_000_000
 
 
 class FrameReader(Generic[F]):
-    """Reads one stream from `start` to `stop`, and hands its frames to the event loop in batches."""
+    """Reader of one stream, from its creation to `stop`; the event loop gets its frames in batches."""
 
     def __init__(
         self,
@@ -38,11 +38,8 @@ class FrameReader(Generic[F]):
         self._max_waiting = max(2, BUDGET_NS // period_ns)
         self._waiting: deque[F] = deque()
         self._stopped = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="frames", daemon=True)
-
-    def start(self) -> None:
-        """Start reading, on the running event loop."""
         self._loop = asyncio.get_running_loop()
+        self._thread = threading.Thread(target=self._run, name="frames", daemon=True)
         self._thread.start()
 
     def stop(self) -> None:
@@ -55,23 +52,20 @@ class FrameReader(Generic[F]):
 
     def _run(self) -> None:
         raise_priority()
+        error = None
         # The loop may be closed, when the process ends.
         with suppress(RuntimeError):
-            while not self._stopped.wait(self._pace_s):
+            while error is None and not self._stopped.wait(self._pace_s):
                 if len(self._waiting) < self._max_waiting:
                     try:
                         self._waiting.extend(self._read())
-                    except OSError as error:
-                        self._loop.call_soon_threadsafe(self._end, error)
-                        return
-                if self._waiting:
-                    self._loop.call_soon_threadsafe(self._hand_over)
+                    except OSError as raised:
+                        error = raised
+                if self._waiting or error:
+                    self._loop.call_soon_threadsafe(self._hand_over, error)
 
-    def _hand_over(self) -> None:
+    def _hand_over(self, error: OSError | None) -> None:
         while self._waiting and not self._stopped.is_set():
             self._deliver(self._waiting.popleft())
-
-    def _end(self, error: OSError) -> None:
-        self._hand_over()
-        if not self._stopped.is_set():
+        if error is not None and not self._stopped.is_set():
             self._fail(error)

@@ -54,7 +54,7 @@ MAX_IN_FLIGHT, MAX_BYTES_IN_FLIGHT = 64, 16 << 20
 """Maximum number and size of unacknowledged images, because the leader syncs its disk for many at a time."""
 UNSYNCED_S = 1.0
 """Images of a streamed burst that the leader does not have by then are synced to the node's disk."""
-ENCODE_EVERY_S = 0.1
+ENCODE_EVERY_S = 0.25
 """Interval at which frames of a streamed burst are stored; those of others are stored one by one."""
 ASK_AGAIN_S, MAX_DOUBLINGS = 0.05, 4
 """Delay before a burst that depends on other cameras is reported again, for each burst that waits here; it
@@ -396,10 +396,10 @@ class Uploader:
 
     def note_move(self, move: PhaseMove) -> None:
         """Report to the leader that a stream was moved, for every recording that is under way."""
-        for upload in self._bursts:
+        for upload in filter(lambda of: of.is_picking, self._bursts):
             camera = upload.report.plan.camera
-            if upload.is_picking and len(camera.moves) < MAX_MOVES:
-                upload.report = upload.report.with_plan(camera=replace(camera, moves=(*camera.moves, move)))
+            moves = (*camera.moves, move)[:MAX_MOVES]
+            upload.report = upload.report.with_plan(camera=replace(camera, moves=moves))
         self._changed.set()
 
     def cancel_burst(self, leader: int, burst: int) -> None:

@@ -214,14 +214,9 @@ class Aligner:
         return not is_blurred and self._run_settled
 
     @property
-    def is_moving(self) -> bool:
-        """Whether the effect of a command is awaited."""
-        return self._pending is not None
-
-    @property
     def meets_bursts(self) -> bool:
         """Whether a stream that drifts too fast to be held is brought to its grid for each burst."""
-        return not self.is_moving and self.window.drifts_fast and self.actuator.meets_bursts
+        return self._pending is None and self.window.drifts_fast and self.actuator.meets_bursts
 
     @property
     def start_latencies_ns(self) -> tuple[int, ...]:
@@ -249,8 +244,12 @@ class Aligner:
         self.window.clear()
         self.actuator.note_start(local_ns, self.phase.period_ns)
 
-    def complete_command(self, now_local_ns: int) -> None:
-        """End the command under way once its effect shows or is overdue, and learn from the effect."""
+    def complete_command(self, now_local_ns: int) -> int:
+        """End the command under way once its effect shows or is overdue, and learn from the effect.
+
+        Return the shift by a command that has ended, in ns; 0 for none.
+        """
+        shift_ns = 0
         run_settled, phase = self._run_settled, self.phase
         if self._pending is not None:
             command, issued_ns, stream = self._pending
@@ -262,14 +261,16 @@ class Aligner:
                 timeout_ns = INJECTION_TIMEOUT_NS + 2 * TIMEOUT_FRAMES * phase.period_ns
                 overdue = now_local_ns - issued_ns > timeout_ns
             if not done and not overdue:
-                return
+                return 0
             self._pending = None
             if overdue:
-                return
+                return 0
+            shift_ns = phase.last_shift_ns or 0
             self.actuator.learn(phase.last_shift_ns, phase.noise_ns, phase.last_latency_frames)
         if not self._start_learned and run_settled:
             self._start_learned = True
             self.actuator.learn_start(phase.nearest_frame_ns(self._first_frame_ns))
+        return shift_ns
 
     def estimate(self, time_map: TimeMap, grid: FrameGrid, at_leader_ns: int) -> PhaseEstimate | None:
         """Return the stream's error at an instant of leader time; None if it is unknown."""

@@ -348,10 +348,8 @@ class Client(TimeClient, Generic[F]):
             return
         was_aligned, corrections = self._is_aligned, aligner.corrections
         before = aligner.estimate(time_map, grid.grid_of_stamps, time_map.leader_from_local(now_ns))
-        was_moving, phase = aligner.is_moving, aligner.phase
-        aligner.complete_command(now_ns)
-        if was_moving and not aligner.is_moving and self.has_burst_pending and phase.last_shift_ns:
-            self._events.append(PhaseMoved(phase.run_begun_ns, phase.last_shift_ns))
+        if (shift_ns := aligner.complete_command(now_ns)) and self.has_burst_pending:
+            self._events.append(PhaseMoved(aligner.phase.run_begun_ns, shift_ns))
         if not aligner.settled:
             self._reported = self._answered = False
         is_news = aligner.settled and not self._reported

@@ -23,8 +23,6 @@ RING_NS, RING_BYTES = 3_000_000_000, 256_000_000
 size: half of a Raspberry Pi's smallest memory."""
 SAME_GRID_NS = 10_000
 """Maximum phase of a burst's instants on the grid that they are taken from."""
-OUT_OF_ORDER_NS = 100_000_000
-"""A frame's timestamp is at most this much earlier than that of a frame before it."""
 MAX_FRAMES, MAX_BURST_NS = 1000, 600_000_000_000
 """Maximum frames of a burst that is reported after its last frame, and maximum time from first to last."""
 MAX_STREAMED_FRAMES, MAX_STREAMED_NS = 100_000_000, 31 * 86_400_000_000_000
@@ -85,13 +83,7 @@ class RingBuffer(Generic[F]):
 
     def nearest(self, local_ns: int) -> tuple[int, F] | None:
         """Return the frame nearest to a local time in ns, with its timestamp; the earlier one wins a tie."""
-        nearest, off_ns = None, 0
-        for entry in reversed(self._entries):
-            # The newest ones are asked for most; an outlier among the timestamps may be out of order.
-            if nearest is not None and entry[0] < local_ns - off_ns - OUT_OF_ORDER_NS:
-                break
-            if nearest is None or abs(entry[0] - local_ns) <= off_ns:
-                nearest, off_ns = entry, abs(entry[0] - local_ns)
+        nearest = min(self._entries, key=lambda entry: abs(entry[0] - local_ns), default=None)
         return None if nearest is None else nearest[:2]
 
 

@@ -29,11 +29,9 @@ class Driver:
         self.read_to = due
 
     def reader(self) -> FrameReader[int]:
-        reader = FrameReader(
+        return FrameReader(
             self.read, self.taken.append, self.errors.append, period_ns=PERIOD_NS, buffers=BUFFERS
         )
-        reader.start()
-        return reader
 
 
 async def test_a_busy_event_loop_loses_no_frame() -> None:
@@ -70,7 +68,8 @@ async def test_a_device_that_is_gone_is_reported_after_its_frames() -> None:
     reader.join()
 
 
-def test_reads_are_frequent_enough_for_few_buffers() -> None:
-    fast = FrameReader(iter, print, print, period_ns=PERIOD_NS, buffers=4)  # type: ignore[arg-type]
+async def test_reads_are_frequent_enough_for_few_buffers() -> None:
+    fast = FrameReader(list, print, print, period_ns=PERIOD_NS, buffers=4)
     assert fast._pace_s <= 4 * PERIOD_NS / 4e9
+    fast.stop()
     assert fast._max_waiting * PERIOD_NS == frame_reader.BUDGET_NS

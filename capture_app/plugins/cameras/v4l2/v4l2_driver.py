@@ -146,7 +146,7 @@ class V4L2Camera(ThreadedCamera):
         self._command_lock = asyncio.Lock()
         self._streaming = False
         self._stream = 0
-        wanted = buffer_count(layout.buffer_bytes, period_ns, max_count=24, max_bytes=64 << 20)
+        wanted = buffer_count(layout.buffer_bytes, period_ns, max_count=32, max_bytes=128 << 20)
         buffers = [device.query_buffer(index) for index in range(device.request_buffers(wanted))]
         self._memory: list[mmap.mmap] = [device.map(buffer) for buffer in buffers]
         limits, flags = device.control_range("EXPOSURE_ABSOLUTE"), buffers[0].flags
@@ -287,7 +287,6 @@ class V4L2Camera(ThreadedCamera):
             period_ns=self.facts.period_ns,
             buffers=len(self._memory),
         )
-        self._reader.start()
 
     def _filled(self) -> Iterator[tuple[v4l2.Buffer, bytes]]:
         """Yield what is in the driver's filled buffers, at most as many as there are. Raises OSError."""

@@ -1,4 +1,4 @@
-"""Priorities of this process's threads, on systems that have one for each thread."""
+"""Priority of a thread. None is lowered: waiting for its turn it would keep the interpreter's lock."""
 
 import os
 import threading
@@ -6,13 +6,6 @@ from contextlib import suppress
 
 
 def raise_priority() -> None:
-    """Raise the calling thread's priority if permitted: drivers drop what is not taken in time."""
+    """Raise the calling thread's priority, and that of threads that it begins, if the system permits it."""
     with suppress(OSError):
         os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), -10)
-
-
-def lower_priority() -> None:
-    """Lower the calling thread's priority below all others of this process: the clock exchange runs first."""
-    # Linux has a niceness per thread; on systems without one, all threads stay equal.
-    with suppress(OSError):
-        os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), 10)

@@ -51,7 +51,7 @@ class FrameReader(Generic[F]):
         self._thread.join()
 
     def _run(self) -> None:
-        raise_priority(-19)
+        raise_priority()
         error = None
         # The loop may be closed, when the process ends.
         with suppress(RuntimeError):

@@ -5,7 +5,7 @@ import threading
 from contextlib import suppress
 
 
-def raise_priority(niceness: int = -10) -> None:
+def raise_priority() -> None:
     """Raise the calling thread's priority, and that of threads that it begins, if the system permits it."""
     with suppress(OSError):
-        os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), niceness)
+        os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), -10)

@@ -16,7 +16,7 @@ from reconstruction.scene.dataset import Dataset
 from reconstruction.scene.scene import Scene as OpenScene
 from reconstruction.time_offsets.pair_offset import PairOffsets
 from tests.unit.reconstruction.conftest import Reconstruct, Scene, make_view
-from tests.unit.reconstruction.time_offsets.cut_apart import Recorder, write_cut_apart
+from tests.unit.reconstruction.time_offsets.cut_apart import Recorder, rest, write_cut_apart
 
 LEFT = Recorder(make_view((-0.1, 0.0, 0.0), yaw=1.5), ppm=20)
 NTSC = Recorder(make_view((0.1, 0.01, 0.0), yaw=-1.5), start_s=0.4621, fps=30_000 / 1001, ppm=-15)
@@ -91,7 +91,7 @@ def test_motion_makes_a_rough_alignment_exact(scene: Scene, tmp_path: Path, reco
 def test_where_nothing_moves_nothing_is_aligned(
     scene: Scene, tmp_path: Path, reconstruct: Reconstruct
 ) -> None:
-    session = write_cut_apart(tmp_path, scene, {"left": LEFT, "right": NTSC}, 1.2, still=True)
+    session = write_cut_apart(tmp_path, scene, {"left": LEFT, "right": NTSC}, 1.2, path=rest)
     found = reconstruct("time", session.folder, "--json").result
     assert found["cameras"]["right"]["reason"]
     assert reconstruct("time", session.folder, "--apply").code == ExitCode.BAD_INPUT

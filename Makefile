@@ -4,7 +4,7 @@
 # make test   the unit tests, in about 4 minutes        make check   lint, types, architecture          make format
 # make test KIND=core   the unit tests without those of cameras, programs, companions and methods
 # make test KIND=system   rigs of processes, browsers, whole comparisons, pages that newcomers read (20 minutes)
-# make test KIND=nightly   all pages, all seeds, crafted files, writers killed at every step (hours)
+# make test KIND=nightly   all pages, all seeds, crafted files, writers killed at every step (hours; PART=3/12: a twelfth of them)
 # make test KIND=phones   the page of phones in real browsers
 # make test KIND=docs   every command line of README and docs, run beside a simulated rig (some minutes)
 # make test KIND=v4l2   the rig on real camera drivers in a virtual machine (slow)
@@ -113,7 +113,7 @@ CROWD := -n $(WORKERS) --dist worksteal
 TEST_unit := $(CROWD) tests/unit
 TEST_core := $(CROWD) $(addprefix --ignore tests/unit/,plugins companions reconstruction/methods) tests/unit
 TEST_system := $(CROWD) tests/system
-TEST_nightly := $(CROWD) --ignore tests/nightly/drivers tests/nightly
+TEST_nightly := $(CROWD) --ignore tests/nightly/drivers tests/nightly $(if $(PART),--part $(PART))
 TEST_docs := -n auto $(wildcard tests/*/documentation)
 TEST_phones := $(wildcard tests/*/companions/phones) tests/system/end_to_end/test_phones.py
 TEST_v4l2 := $(wildcard tests/nightly/drivers/test_v4l2_*.py)
@@ -133,9 +133,6 @@ $(VENV)/.installed-readers: tests/readers.txt $(VENV)/.installed-dev
 	rm -rf $(VENV)/lib/python3*/site-packages/tests
 	npm install --silent --no-fund --no-audit --prefix $(VENV)/readers @playcanvas/splat-transform@3.7.0
 	@touch $@
-
-test-%:
-	@$(MAKE) --no-print-directory test KIND=$*
 
 # The module of each benchmark by its NAME, and its arguments; BENCH has further ones.
 BENCH_sync := benchmarks.clock.sync_link
@@ -176,21 +173,12 @@ BENCH_paper := benchmarks.paper paper --markdown docs/paper.md
 bench: $(VENV)/.installed$(if $(filter phones seeds flips paper,$(NAME)),-dev)
 	@$(BIN)/python -m $(or $(BENCH_$(NAME)),$(error there is no NAME=$(NAME): see make help)) $(BENCH)
 
-bench-%:
-	@$(MAKE) --no-print-directory bench NAME=$*
-
-soak hostile paper flips:
-	@$(MAKE) --no-print-directory bench NAME=$@
-
 PICTURES_screenshots := screenshots
 PICTURES_animation := take_animation
 PICTURES_calibration := calibration_pictures
 
 pictures: $(VENV)/.installed-dev
 	$(BIN)/python docs/images/$(or $(PICTURES_$(NAME)),$(error there is no NAME=$(NAME): see make help)).py
-
-screenshots animation calibration-pictures:
-	@$(MAKE) --no-print-directory pictures NAME=$(@:-pictures=)
 
 samples: $(VENV)/.installed
 	$(BIN)/python -m benchmarks.samples --replace --out sample_sessions $(dir $(wildcard sample_sessions/*/recipe.json))

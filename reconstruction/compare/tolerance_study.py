@@ -263,6 +263,8 @@ def measure_curve(
     of_instants = {moment.instant: moment.peak_ms for moment in instants if moment.peak_ms is not None}
     peaks, spacing_ms = [*of_instants.values()], min(abs(step.actual_ms) for step in steps)
     judged = with_curve_peak(with_depth_runs(timing, of_instants, spacing_ms), peaks, spacing_ms)
+    if timing.late_ms is None:
+        judged = structs.replace(judged, tried_ms=max(abs(step.actual_ms) for step in steps))
     judged = with_depth(judged, next(point for point in points if not point.late_ms))
     speed = _speed_px_per_ms(context.compared.motion, cameras[0], nows)
     own = scene.dataset.worst_residual_us()

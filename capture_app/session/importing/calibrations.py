@@ -172,42 +172,36 @@ def _rows(matrix: Array) -> Matrix3:
     return first, second, third
 
 
-def choose_views(layout: Layout, options: ViewOptions, cameras: Sequence[str]) -> Views | None:
-    """Return the views of the user's calibration, otherwise those of the recording's program, or None.
-
-    Raises as `read_views`.
-    """
-    if options.calibration:
-        return read_views([split_name(text) for text in options.calibration], cameras)
-    return read_views([("", layout.calibration)], cameras) if layout.calibration else layout.views
-
-
 def choose_calibration(
     layout: Layout,
-    views: Views | None,
+    cameras: Sequence[str],
     sizes: Callable[[], Mapping[str, tuple[int, int]]],
     options: ViewOptions,
-    talk: Talk,
-) -> Calibration | None:
-    """Return the calibration for images of these sizes: by views, the export's, or one beside that fits.
+) -> tuple[Calibration | None, list[str]]:
+    """Return the calibration for images of these sizes, and notes about it.
 
-    Raises BadInputError if the views do not fit; one that only lies beside is then reported and not used.
+    It is the user's, otherwise the program's, the export's, or one beside that fits. Raises BadInputError if
+    it does not fit; one that only lies beside is then reported and not used.
     """
-    unit = options.unit or (None if options.calibration else layout.unit)
-    if views is not None:
-        return fit_calibration(views, sizes(), unit=unit, fit=options.fit, talk=talk)
-    if layout.record is not None:
-        return _exported(layout.record, sizes())
-    if layout.beside is None:
-        return None
+    notes: list[str] = []
+    unit, views = options.unit or layout.unit, layout.views
+    if options.calibration:
+        unit, views = options.unit, read_views([split_name(text) for text in options.calibration], cameras)
+    elif layout.calibration is not None:
+        views = read_views([("", layout.calibration)], cameras)
+    if views is None and layout.record is not None:
+        return _exported(layout.record, sizes()), notes
     try:
-        beside = read_views([("", layout.beside)], list(sizes()))
-        calibration = fit_calibration(beside, sizes(), unit=unit, fit=options.fit, talk=talk)
+        if views is None and layout.beside is not None:
+            notes.append(f"calibration: {layout.beside}")
+            views = read_views([("", layout.beside)], cameras)
+        if views is None:
+            return None, notes
+        return fit_calibration(views, sizes(), unit=unit, fit=options.fit, talk=notes.append), notes
     except BadInputError as error:
-        talk(f"calibration: {layout.beside} is not taken: {error}")
-        return None
-    talk(f"calibration: {layout.beside}")
-    return calibration
+        if not notes:
+            raise
+        return None, [f"calibration: {layout.beside} is not taken: {error}"]
 
 
 def _exported(record: ExportRecord, sizes: Mapping[str, tuple[int, int]]) -> Calibration | None:

@@ -18,12 +18,12 @@ from capture_app.common.names import is_name, name_like, natural_order
 from capture_app.common.plugins import load_plugins
 from capture_app.common.text import count
 from capture_app.session.format.manifest import IMAGE_SUFFIXES
-from capture_app.session.importing.folder_tree import folders_below, image_cameras
 from capture_app.session.importing.recording_sources import (
     ARCHIVE_SUFFIXES,
     Layout,
     Source,
     Video,
+    folders_below,
     image_folder,
     images_in,
     videos_in,
@@ -50,11 +50,10 @@ class Importer:
     open_recording: Callable[..., Layout | None] = lambda path, *, png, recording: None
     """`open_recording(path, png=, recording=)`: open a recording; None if it is not the program's.
 
-    `png`: store frames of videos as PNG. `recording`: name of one of several. Raises BadInputError if there
-    are several and none is named.
+    `png`: store frames of videos as PNG. `recording`: one of `recordings_in`, or None if there are none.
     """
     recordings_in: Callable[[Path], Sequence[str]] = lambda folder: ()
-    """Return the names of the recordings in a folder with several."""
+    """Return the names of the recordings in a folder that may have several."""
     is_camera: Callable[[Path], bool] = lambda path: False
     """Return whether a path is one camera with times in the program's own format."""
     open_camera: Callable[..., Source] = _cannot_open
@@ -217,3 +216,21 @@ def _cameras_in(folder: Path) -> list[tuple[str, Path]]:
         raise BadInputError(f"{folder} has both videos and folders of images", hint="name them: NAME=PATH")
     named = [(path.stem, path) for path in videos] + [(name, path) for path, name in folders.items()]
     return [(name_like(name, f"cam{number}"), path) for number, (name, path) in enumerate(named)]
+
+
+def image_cameras(folder: Path) -> dict[Path, str]:
+    """Return the folders of images below a folder, each with its camera's part of the path.
+
+    Raises BadInputError if no part of the paths tells all cameras apart, as in a folder of several takes.
+    """
+    paths = [path for path in folders_below(folder) if path != folder and images_in(path)]
+    parts = [path.relative_to(folder).parts for path in paths]
+    columns = [[own[k] for own in parts] for k in range(min(map(len, parts), default=0))]
+    telling = next((column for column in columns if len(set(column)) == len(parts)), None)
+    if paths and telling is None:
+        some = ", ".join("/".join(own) for own in parts[:3])
+        raise BadInputError(
+            f"{folder} has {count(len(paths), 'folder')} of images, of several takes or kinds: {some} ...",
+            hint="import one take at a time, or name the cameras: NAME=PATH",
+        )
+    return dict(zip(paths, telling or (), strict=True))

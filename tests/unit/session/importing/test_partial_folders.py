@@ -45,7 +45,7 @@ def test_chapters_of_a_gopro_are_one_recording(tmp_path: Path) -> None:
     ]
     assert left_out == []
     video = Video("a", tmp_path / "in" / "GX010012.MP4")
-    assert video.note == "GX010012.MP4 goes on in GX020012.MP4, GX030012.MP4"
+    assert video.notes == ("GX010012.MP4 goes on in GX020012.MP4, GX030012.MP4",)
     assert [at_ns // 1_000_000 for at_ns in video.own_times_ns()] == list(range(0, 297, 33))
     session = imported(tmp_path / "in")
     shown = numbers_of(session)

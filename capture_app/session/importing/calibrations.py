@@ -82,6 +82,8 @@ def fit_calibration(
     if unit is not None and views.unit is not None and unit != views.unit:
         raise BadInputError(f"{views.source} is in {views.unit}, not in {unit}", hint="leave out --unit")
     given = views.unit or unit or views.assumed_unit
+    if views.unit is None and unit is None and given in METRES:
+        talk(f"{views.source} states no unit of its lengths: {given} is assumed; --unit mm says otherwise")
     labels = pair_labels(views.cameras, list(sizes))
     if lacking := [name for name in sizes if name not in labels]:
         raise BadInputError(
@@ -189,19 +191,16 @@ def choose_calibration(
         unit, views = options.unit, read_views([split_name(text) for text in options.calibration], cameras)
     elif layout.calibration is not None:
         views = read_views([("", layout.calibration)], cameras)
-    if views is None and layout.record is not None:
-        return _exported(layout.record, sizes()), notes
-    try:
-        if views is None and layout.beside is not None:
-            notes.append(f"calibration: {layout.beside}")
-            views = read_views([("", layout.beside)], cameras)
-        if views is None:
-            return None, notes
+    if views is not None:
         return fit_calibration(views, sizes(), unit=unit, fit=options.fit, talk=notes.append), notes
+    if layout.record is not None or layout.beside is None:
+        return _exported(layout.record, sizes()) if layout.record else None, notes
+    try:
+        views = read_views([("", layout.beside)], cameras)
+        calibration = fit_calibration(views, sizes(), unit=unit, fit=options.fit, talk=notes.append)
     except BadInputError as error:
-        if not notes:
-            raise
         return None, [f"calibration: {layout.beside} is not taken: {error}"]
+    return calibration, [f"calibration: {layout.beside}", *notes]
 
 
 def _exported(record: ExportRecord, sizes: Mapping[str, tuple[int, int]]) -> Calibration | None:

@@ -7,7 +7,7 @@ folder is one camera, unless clips in one of them overlap in time or its name sa
 
 import re
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
 from itertools import combinations, zip_longest
@@ -302,8 +302,8 @@ def _by_names(clips: Sequence[Clip], notes: list[str]) -> list[Shoot]:
         for own_words, clip in zip(words, clips, strict=True)
     }
     parts = [sorted({pair[k] for pair in grid}, key=natural_order) for k in (0, 1)]
-    named = [_are_takes(part) for part in parts]
-    takes = 0 if named[0] and not named[1] else 1
+    named = [_take_words(part) for part in parts]
+    takes = 0 if named[0] > named[1] else 1
     shoots: list[Shoot] = [
         (
             take,
@@ -324,18 +324,17 @@ def _by_names(clips: Sequence[Clip], notes: list[str]) -> list[Shoot]:
     return [(take, shoot) for take, shoot in shoots if len(shoot) > 1] or shoots
 
 
-def _are_takes(names: Sequence[str]) -> bool:
+def _take_words(names: Iterable[str]) -> int:
+    """Return 1 if words are those of takes, -1 if of cameras, 0 if of neither."""
     text = " ".join(names).lower()
-    return _TAKE.search(text) is not None and _CAMERA.search(text) is None
+    return -1 if _CAMERA.search(text) else int(_TAKE.search(text) is not None)
 
 
 def _of_folders(inner: Mapping[Path, list[Clip]], notes: list[str]) -> list[Shoot]:
     within = any(first.together(other) for clips in inner.values() for first, other in combinations(clips, 2))
-    stems = {clip.path.stem for clips in inner.values() for clip in clips}
-    named = _are_takes([path.name for path in inner]) or (
-        _CAMERA.search(" ".join(stems).lower()) is not None
-        and _CAMERA.search(" ".join(path.name for path in inner).lower()) is None
-    )
+    of_clips = _take_words(clip.path.stem for clips in inner.values() for clip in clips)
+    of_folders = _take_words(path.name for path in inner)
+    named = of_folders > 0 or of_clips < of_folders == 0
     if within or (named and all(len(clips) > 1 for clips in inner.values())):
         return [_shoot(path.name, clips) for path, clips in inner.items()]
     cameras = {name_like(path.name, f"cam{n}"): clips for n, (path, clips) in enumerate(inner.items())}

@@ -52,6 +52,8 @@ def test_caliscopes_recordings_and_workspaces_are_recognized(tmp_path: Path) -> 
         assert calibration.cameras["cam_1"].translation[0] == pytest.approx(0.2)
     assert sum("Caliscope" in line for line in said) == 2
     assert "cameras of timestamps.csv: cam_0 = 0, cam_1 = 1" in said
+    no_unit = "camera_array.toml states no unit of its lengths: m is assumed; --unit mm says otherwise"
+    assert said.count(no_unit) == 2
     shutil.copytree(recording, tmp_path / "ws" / "recordings" / "two")
     both = import_found([str(tmp_path / "ws")], tmp_path, "s3", ImportOptions(), talk=said.append)
     assert [session.folder.name for session in both] == ["s3-one", "s3-two"]

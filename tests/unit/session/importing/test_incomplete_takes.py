@@ -71,6 +71,10 @@ VARIANTS: dict[str, tuple[list[str], list[dict[str, str]]]] = {
             {"cam1": "trial2_cam1", "cam2": "trial2_cam2", "cam3": "trial2_cam3"},
         ],
     ),
+    "one folder, a drawn copy of one camera": (
+        ["cam0_kpts.mp4", "cam0_test.mp4", "cam1_test.mp4"],
+        [{"cam0": "cam0_test", "cam1": "cam1_test"}],
+    ),
 }
 
 

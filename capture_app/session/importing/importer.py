@@ -31,6 +31,9 @@ from capture_app.session.importing.recording_sources import (
 from capture_app.session.importing.views import Views
 
 GROUP = "simulshot.importers"
+_DATE = re.compile(r"(19|20)\d{6}")
+_Camera = tuple[str, Path, list[Path]]
+"""Name and path of a camera, and its image files if the folder has those of other cameras."""
 
 
 def _cannot_open(name: str, path: Path, *, png: bool, recording: str | None) -> Source:
@@ -106,7 +109,7 @@ def open_sources(paths: Sequence[str], *, png: bool = False, recording: str | No
     `recording` selects one of several recordings of each camera. Raises BadInputError for missing, empty,
     duplicate or badly named cameras.
     """
-    cameras: list[tuple[str, Path]] = []
+    cameras: list[_Camera] = []
     for text in paths:
         name, path = split_name(text)
         if not path.exists():
@@ -115,15 +118,15 @@ def open_sources(paths: Sequence[str], *, png: bool = False, recording: str | No
             cameras += _cameras_in(path)
         else:
             own = path.resolve().name if path.is_dir() else path.stem
-            cameras.append((name or name_like(own, "cam0"), path))
+            cameras.append((name or name_like(own, "cam0"), path, []))
     if not cameras:
         raise BadInputError("nothing to import", hint="give a folder, or NAME=PATH for each camera")
-    [(name, times)] = Counter(name for name, _ in cameras).most_common(1)
+    [(name, times)] = Counter(name for name, *_ in cameras).most_common(1)
     if times > 1:
         raise BadInputError(f"two cameras are named {name}", hint="name them: NAME=PATH")
     return [
-        _source(name, path, png, recording)
-        for name, path in sorted(cameras, key=lambda one: natural_order(one[0]))
+        image_folder(name, path, files) if files else _source(name, path, png, recording)
+        for name, path, files in sorted(cameras, key=lambda one: natural_order(one[0]))
     ]
 
 
@@ -139,29 +142,24 @@ def split_name(text: str) -> tuple[str, Path]:
     return name if named else "", path
 
 
-def _flat_images(folder: Path, images: Sequence[Path]) -> BadInputError:
-    """Return the error for images without folders, with the commands that import them by their names."""
-    parted = [re.fullmatch(r"(.*?)[_\-. ]?(\d+)[_\-. ]?(\D*)", path.stem) for path in images]
-    labels = Counter((recording[1], recording[3]) for recording in parted if recording is not None)
-    ending = images[0].suffix
-    # Longer names first: cam10 also begins with cam1.
-    by_length = sorted(labels, key=lambda label: len(label[0] or label[1]), reverse=True)
-    cameras = {
-        before or after: f"{before}*{ending}" if before else f"*{after}{ending}"
-        for before, after in by_length
-        if is_name(before or after)
-    }
-    what, at = f"{folder} has {count(len(images), 'image')}", shlex.quote(str(folder))
-    if not 2 <= len(cameras) == len(labels) or sum(labels.values()) < len(images):
-        return BadInputError(
-            f"{what} of one camera", hint=f"capture-app sessions import cam0={at} --fps RATE"
-        )
-    moves = " && ".join(f"mv {pattern} {name}/" for name, pattern in cameras.items())
-    return BadInputError(
-        f"{what} of {len(cameras)} cameras by their names: {', '.join(cameras)}",
-        hint=f"put each camera's into a folder: cd {at} && mkdir {' '.join(cameras)} && {moves}; "
-        f"then: capture-app sessions import {at} --fps RATE",
-    )
+def _by_label(images: Sequence[Path]) -> dict[str, list[Path]]:
+    """Return a folder's images by the camera that their names have beside a number; none if they have one.
+
+    Cameras have a word and several images each, and share most numbers; other names count within a second.
+    """
+    parted = {path: re.fullmatch(r"(.*?)[_\-. ]?(\d+)[_\-. ]?(\D*)", path.stem) for path in images}
+    words = {path: (match[1], match[3], int(match[2])) for path, match in parted.items() if match}
+    varying = [k for k in (0, 1) if len({of[k] for of in words.values()}) > 1]
+    cameras: dict[str, dict[int, Path]] = {}
+    for path, of in words.items():
+        cameras.setdefault("-".join(str(of[k]) for k in varying if of[k]), {})[of[2]] = path
+    counts = [len(numbered) for numbered in cameras.values()]
+    named = all(is_name(name) and re.search("[A-Za-z]", name) for name in cameras)
+    dated = any(_DATE.search(name) for name in cameras)
+    told = sum(counts) == len(images) and len(counts) > 1 < min(counts) and named and not dated
+    if not told or 2 * len(set.intersection(*map(set, cameras.values()))) < min(counts):
+        return {}
+    return {name: list(numbered.values()) for name, numbered in cameras.items()}
 
 
 def _archive(path: Path) -> BadInputError:
@@ -200,13 +198,26 @@ def _camera_below(folder: Path) -> Path:
     return places[0] if places else folder
 
 
-def _cameras_in(folder: Path) -> list[tuple[str, Path]]:
+def _cameras_in(folder: Path) -> list[_Camera]:
     videos = videos_in(folder)
-    folders = {path: path.name for path in folder.iterdir() if path.is_dir() and camera_importer(path)}
-    folders = folders or image_cameras(folder)
+    recorded = {path: path.name for path in folder.iterdir() if path.is_dir() and camera_importer(path)}
+    folders = recorded or image_cameras(folder)
+    places = () if recorded or videos else folders or [folder]
+    flat = {place: cameras for place in places if (cameras := _by_label(images_in(place)))}
+    if 1 < len(folders) == len(flat) and len({tuple(sorted(cameras)) for cameras in flat.values()}) == 1:
+        raise BadInputError(
+            f"{folder} has folders with images of several cameras: {', '.join(map(str, flat))}",
+            hint=f"import one at a time: capture-app sessions import {shlex.quote(str(next(iter(flat))))}",
+        )
+    if flat and len(folders) < 2:
+        ((place, cameras),) = flat.items()
+        return [(name, place, files) for name, files in cameras.items()]
     if not videos and not folders:
         if images := images_in(folder):
-            raise _flat_images(folder, images)
+            raise BadInputError(
+                f"{folder} has {count(len(images), 'image')} of one camera, by their names",
+                hint=f"capture-app sessions import cam0={shlex.quote(str(folder))} --fps RATE",
+            )
         if archives := sorted(path for path in folder.iterdir() if path.suffix.lower() in ARCHIVE_SUFFIXES):
             raise _archive(archives[0])
         raise BadInputError(
@@ -215,7 +226,7 @@ def _cameras_in(folder: Path) -> list[tuple[str, Path]]:
     if videos and folders:
         raise BadInputError(f"{folder} has both videos and folders of images", hint="name them: NAME=PATH")
     named = [(path.stem, path) for path in videos] + [(name, path) for path, name in folders.items()]
-    return [(name_like(name, f"cam{number}"), path) for number, (name, path) in enumerate(named)]
+    return [(name_like(name, f"cam{number}"), path, []) for number, (name, path) in enumerate(named)]
 
 
 def image_cameras(folder: Path) -> dict[Path, str]:

@@ -109,12 +109,12 @@ class Images(Source):
             yield index, data, size
 
 
-def image_folder(name: str, path: Path) -> Images:
-    """Open a folder of image files in natural order, or one image; EXIF rotations are applied.
+def image_folder(name: str, path: Path, some: Sequence[Path] = ()) -> Images:
+    """Open a folder of image files in natural order, `some` of them, or one image, and apply EXIF rotations.
 
     Raises BadInputError if there are no images, or several types of them.
     """
-    files = [path] if path.is_file() else images_in(path)
+    files = list(some) or ([path] if path.is_file() else images_in(path))
     files.sort(key=lambda file: natural_order(file.name))
     if not files:
         raise BadInputError(
@@ -127,6 +127,8 @@ def image_folder(name: str, path: Path) -> Images:
     # The number in a single image's name may be its camera's or its time's.
     source.name_numbers = [numbers_in(file.stem) for file in files] if path.is_dir() else ()
     source.notes = _describe_links(files)
+    if some:
+        source.notes.append(f"{name}: {count(len(files), 'image')} of {path}, such as {files[0].name}")
     return source
 
 

@@ -11,6 +11,7 @@ import click
 from capture_app.commands.session_text import session_lines
 from capture_app.commands.shared_options import ANY_PATH, restrict_file_access
 from capture_app.common.errors import BadInputError
+from capture_app.common.instants import COMPARED_MS
 from capture_app.common.names import name_like
 from capture_app.common.optional_packages import RECONSTRUCTION
 from capture_app.common.plugins import plugin_names
@@ -40,8 +41,6 @@ _OF_SPLATS = {"3dgs", "gsplat", "gaussian-splatting", "blender", "gltf"}
 
 _MOTION_S, _MAX_MOTION_S = 0.25, 30.0
 """Processor time of an alignment by motion, s an image (110 s for 4 x 100 of 1080 x 1920); its budget, s."""
-_COMPARED_NS = 66_000_000
-"""Delay that `reconstruct compare` looks for between two frames, to within half of their interval."""
 _LOADED = f"{__name__}.loaded"
 
 
@@ -243,7 +242,9 @@ def _say_next(session: Session) -> None:
     calibrated = session.calibration() is not None
     times_ns = session.manifest.burst.instants_ns
     step_ns = min((after - before for before, after in pairwise(times_ns)), default=0)
-    too_far = step_ns > 2 * _COMPARED_NS or 0 < times_ns[-1] - times_ns[0] < _COMPARED_NS - step_ns / 2
+    # A comparison looks for this delay between two frames, to within half of their interval.
+    compared_ns = COMPARED_MS * 1e6
+    too_far = step_ns > 2 * compared_ns or 0 < times_ns[-1] - times_ns[0] < compared_ns - step_ns / 2
     # Where alignment was tried in vain, to look at the pictures works whatever they show.
     if len(session.manifest.cameras) < 2 or _are_times_uncertain(session) or (calibrated and too_far):
         step = f"capture-app sessions sheet {session.folder}"

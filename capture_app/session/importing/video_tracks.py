@@ -1,6 +1,5 @@
 """Tracks of a video: its container, opened for those who read sound, dates or metadata."""
 
-import importlib
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager, suppress
 from itertools import chain, count
@@ -13,7 +12,6 @@ from numpy.typing import NDArray
 
 from capture_app.common.errors import BadInputError
 from capture_app.common.optional_packages import load_optional
-from capture_app.session.files.untrusted_files import rejecting
 
 MIN_GAP_S = 0.02
 """Shorter gaps between a sound track's frames are rounding of their times."""
@@ -23,11 +21,11 @@ MAX_SILENCE_S = 600.0
 
 @contextmanager
 def open_container(path: Path) -> Iterator[tuple[Any, Any]]:
-    """Open a video; yield the package PyAV and the container. Raises BadInputError with a short reason."""
-    try:
-        av: Any = importlib.import_module("av")
-    except ImportError:
-        raise BadInputError("PyAV is not installed") from None
+    """Open a video; yield the package PyAV and the container.
+
+    Raises BadInputError with a short reason, NotAvailableError without PyAV.
+    """
+    av = load_optional("av", "export", "reading videos")
     if not path.is_file():
         raise BadInputError("it is not a file")
     try:
@@ -81,21 +79,17 @@ DAMAGED = "copy it from the camera again, or leave it out"
 
 @contextmanager
 def _opened(path: Path) -> Iterator[tuple[Any, Any]]:
-    """Open a video; yield the package PyAV and the container. Raises BadInputError, NotAvailableError."""
-    if not path.is_file():  # a reader would wait for a pipe
-        raise BadInputError(f"{path} is not a file", hint=DAMAGED)
-    av = load_optional("av", "export", "reading videos")
-    with (
-        rejecting(f"{path} is not a video that can be decoded", av.FFmpegError, hint=DAMAGED),
-        av.open(str(path), metadata_errors="replace") as container,
-    ):
-        # Where FFmpeg has no decoder, there is no context.
-        if not container.streams.video or container.streams.video[0].codec_context is None:
-            raise BadInputError(
-                f"{path} has no video in it that can be decoded",
-                hint="leave it out, or give the camera's video file",
-            )
-        yield av, container
+    """Open a file that has pictures, as `open_container`; errors name it."""
+    try:
+        with open_container(path) as (av, container):
+            # Where FFmpeg has no decoder, there is no context.
+            if not container.streams.video or container.streams.video[0].codec_context is None:
+                raise BadInputError("it has no pictures")
+            yield av, container
+    except BadInputError as error:
+        raise BadInputError(
+            f"{path} is not a video that can be decoded: {error.what}", hint=DAMAGED
+        ) from error
 
 
 def describe_video(path: Path) -> tuple[float, list[str]]:

@@ -151,6 +151,11 @@ class _ImportCommand(click.Command):
     metavar="NAME",
     help="Name of the recording to import, if the folder has several.",
 )
+@click.option(
+    "--split",
+    type=click.Choice(["side-by-side"]),
+    help="Each picture holds a left and a right view, as of stereo cameras: they become two cameras.",
+)
 @click.option("--png", is_flag=True, help="Save video frames as PNG instead of JPEG.")
 @click.option("--name", show_default="the recording's folder name", help="Name of the session.")
 @click.option("--out", type=ANY_PATH, metavar="DIR", default=Path("sessions"), help="Folder for the session.")
@@ -245,11 +250,14 @@ def _say_next(session: Session) -> None:
     # A comparison looks for this delay between two frames, to within half of their interval.
     compared_ns = COMPARED_MS * 1e6
     too_far = step_ns > 2 * compared_ns or 0 < times_ns[-1] - times_ns[0] < compared_ns - step_ns / 2
-    # Where alignment was tried in vain, to look at the pictures works whatever they show.
-    if len(session.manifest.cameras) < 2 or _are_times_uncertain(session) or (calibrated and too_far):
+    alone = len(session.manifest.cameras) < 2
+    if not calibrated and not alone:
+        talk(
+            f"depth needs a calibration: reconstruct calibrate {session.folder}, by a board or what is still"
+        )
+    # To look at the pictures works whatever they show.
+    if alone or not calibrated or too_far or _are_times_uncertain(session):
         step = f"capture-app sessions sheet {session.folder}"
-    elif not calibrated:
-        step = f"reconstruct calibrate {session.folder}"
     else:
         # One instant has no other to compare it with.
         command = "multiview" if len(times_ns) < 2 else "compare"

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 from msgspec.structs import replace
 
@@ -9,9 +10,10 @@ from capture_app.common.errors import BadInputError
 from capture_app.session.alignment.alignment_method import AlignmentMethod, alignment_methods
 from capture_app.session.alignment.clock_line import Against, chain_cameras, measure_pairs
 from capture_app.session.format.common_times import REFERENCE, CameraTimes, CommonTimes
-from capture_app.session.importing.frame_matching import Timeline, Times, trim, with_common_times
-from capture_app.session.importing.recording_sources import Source, Video
+from capture_app.session.importing.frame_matching import Instant, Timeline, Times, trim, with_common_times
+from capture_app.session.importing.recording_sources import Half, Source, Video
 
+_Value = TypeVar("_Value")
 MOTION = "motion"
 """Alignment by what moves, which is the reconstruction's, on the session as it is written."""
 SOUND_M_PER_S = 343.0
@@ -69,6 +71,28 @@ def align_times(sources: Sequence[Source], times: Times, options: AlignmentOptio
             "frames, import again with --synchronized, which takes equal numbers as one instant"
         )
     return Aligned(sources, times.timeline, common, notes)
+
+
+def split_views(aligned: Aligned) -> Aligned:
+    """Return a recording whose cameras are two each: the views side by side in each of their pictures."""
+    sides = {"left": False, "right": True}
+
+    def both(of: Mapping[str, _Value]) -> dict[str, _Value]:
+        return {f"{name}-{side}": value for name, value in of.items() for side in sides}
+
+    sources = [
+        Half(source, f"{source.name}-{side}", right=right)
+        for source in aligned.sources
+        for side, right in sides.items()
+    ]
+    timeline = aligned.timeline
+    instants = [Instant(one.leader_ns, both(one.frames), both(one.why_missing)) for one in timeline.instants]
+    timeline = Timeline(instants, timeline.period_ns, both(timeline.camera_periods_ns))
+    common = aligned.common or CommonTimes(state="recorded", reason="both views are in each picture")
+    if common.cameras:
+        reference = f"{common.reference}-{next(iter(sides))}"
+        common = replace(common, reference=reference, cameras=both(common.cameras))
+    return Aligned(sources, timeline, common, aligned.notes)
 
 
 def _measure(

@@ -162,6 +162,8 @@ _CAMERA = re.compile(
 )
 _TAKE = re.compile(r"take|trial|run|scene|shot|day|session|try|attempt|walk|jump|20\d\d")
 CALIBRATION = re.compile(r"calib|intrinsic|extrinsic|board|checker|charuco", re.IGNORECASE)
+_PROXY = re.compile(r"(^|/)(SUB/|prox(y|ies)/|GL\d{6}\.|LRV_)|_proxy\.", re.IGNORECASE)
+"""Paths of small copies that cameras and editors write: Sony, GoPro, Insta360, DaVinci Resolve."""
 _MAX_LENGTH_RATIO = 2.0
 """Maximum ratio of the lengths of two clips of one take."""
 
@@ -177,8 +179,8 @@ def find_shoots(folder: Path) -> tuple[list[Shoot], list[str]]:
     """
     shoots: list[Shoot] = []
     notes: list[str] = []
-    own = _usable(videos_in(folder), notes)
-    inner = {path: clips for path in sorted(folder.iterdir()) if (clips := _clips_below(path, notes))}
+    own = _usable(videos_in(folder), notes, folder)
+    inner = {path: clips for path in sorted(folder.iterdir()) if (clips := _clips_below(path, notes, folder))}
     for path, clips in inner.items():
         of_boards = [clip for clip in clips if CALIBRATION.search(str(clip.path.parent.relative_to(path)))]
         if 0 < len(of_boards) < len(clips):
@@ -206,10 +208,12 @@ def find_shoots(folder: Path) -> tuple[list[Shoot], list[str]]:
     return shoots, notes
 
 
-def _usable(paths: Sequence[Path], notes: list[str]) -> list[Clip]:
+def _usable(paths: Sequence[Path], notes: list[str], root: Path) -> list[Clip]:
     clips = []
     for path in sorted(paths, key=lambda path: natural_order(path.name)):
-        if not path.name.startswith("."):
+        if _PROXY.search(inside := path.relative_to(root).as_posix()):
+            notes.append(f"left out {inside}: a small copy, by its name; NAME=PATH imports it")
+        elif not path.name.startswith("."):
             try:
                 clips.append(_read(path))
             except BadInputError as error:
@@ -236,8 +240,8 @@ def _date_s(text: str) -> float:
         return 0.0
 
 
-def _clips_below(folder: Path, notes: list[str]) -> list[Clip]:
-    return [clip for place in folders_below(folder) for clip in _usable(videos_in(place), notes)]
+def _clips_below(folder: Path, notes: list[str], root: Path) -> list[Clip]:
+    return [clip for place in folders_below(folder) for clip in _usable(videos_in(place), notes, root)]
 
 
 def _of_one_folder(clips: list[Clip], notes: list[str]) -> list[Shoot]:

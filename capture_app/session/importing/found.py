@@ -1,9 +1,10 @@
 """What a path holds: a program's recordings, the takes in an arbitrary folder, or cameras that are named."""
 
+import filecmp
 from collections import Counter
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
-from itertools import product
+from itertools import combinations, product
 from pathlib import Path
 
 from capture_app.common.errors import BadInputError
@@ -18,7 +19,7 @@ from capture_app.session.importing.importer import (
     recordings_in,
     split_name,
 )
-from capture_app.session.importing.recording_sources import VIDEO_SUFFIXES, Layout, folders_below
+from capture_app.session.importing.recording_sources import VIDEO_SUFFIXES, Layout, Source, folders_below
 from capture_app.session.importing.times.tables import find_tables
 
 MAX_NAMED = 8
@@ -33,6 +34,8 @@ class FindOptions:
     """Name of one recording, if a program's folder has several."""
     png: bool = False
     """Store a video's frames as PNG instead of JPEG (quality 95)."""
+    split: str | None = None
+    """`side-by-side` if each picture holds a left and a right view, as stereo cameras write them."""
 
 
 def find_recordings(
@@ -123,3 +126,13 @@ def describe_unused(folder: Path, used: Collection[Path], suffixes: Sequence[str
         names += [f"{where}{n} {kind}" for kind, n in kinds.items() if n >= 3]
     more = f" and {len(names) - MAX_NAMED} more" if len(names) > MAX_NAMED else ""
     return [f"not used: {', '.join(names[:MAX_NAMED])}{more}"] if names else []
+
+
+def describe_equal(sources: Sequence[Source]) -> list[str]:
+    """Return a line about each two cameras whose files are equal."""
+    files = [source.path for source in sources if source.path.is_file()]
+    return [
+        f"{one} and {other} are equal files: they are one camera, not two"
+        for one, other in combinations(files, 2)
+        if filecmp.cmp(one, other, shallow=False)
+    ]

@@ -18,11 +18,11 @@ from capture_app.common.text import Progress, Talk, count
 from capture_app.session.files.output_folder import OutputFolder, replaces_nothing
 from capture_app.session.format.common_times import CommonTimes
 from capture_app.session.format.manifest import BurstRecord, CameraRecord, Manifest, MissingImage
-from capture_app.session.importing.aligning import AlignmentOptions, align_times
+from capture_app.session.importing.aligning import AlignmentOptions, align_times, split_views
 from capture_app.session.importing.calibrations import ViewOptions, choose_calibration
-from capture_app.session.importing.found import FindOptions, find_recordings
+from capture_app.session.importing.found import FindOptions, describe_equal, find_recordings
 from capture_app.session.importing.frame_matching import Instant, Timeline
-from capture_app.session.importing.recording_sources import Layout, Source
+from capture_app.session.importing.recording_sources import Layout, Source, holds_two_views
 from capture_app.session.importing.times.rules import TimeOptions, make_times
 from capture_app.session.reading.reader import Session
 from capture_app.session.writing.session_writer import SessionWriter
@@ -71,11 +71,16 @@ def import_found(
 
 def _import(found: Layout, folder: Path, options: ImportOptions, progress: Progress, talk: Talk) -> Session:
     """Write a session from what was found: its times, their alignment, its calibration and its images."""
-    _say((*found.notes, *(note for source in found.sources for note in source.notes)), talk)
+    of_sources = (note for source in found.sources for note in source.notes)
+    _say((*found.notes, *of_sources, *describe_equal(found.sources)), talk)
     times = make_times(found, options)
     _say(times.notes, talk)
     aligned = align_times(found.sources, times, options)
     _say(aligned.notes, talk)
+    if options.split:
+        aligned = split_views(aligned)
+    elif len(found.sources) == 1 and holds_two_views(found.sources[0]):
+        talk("each picture may hold two views of one instant: if so, import again with --split side-by-side")
     instants, sources = _chosen(aligned.timeline, options), aligned.sources
     names = [source.name for source in sources]
     calibration, notes = choose_calibration(found, names, lambda: _sizes(sources, instants), options)

@@ -1,5 +1,6 @@
 """`capture-app sessions` import and export: other programs' recordings, and sessions in their formats."""
 
+import shlex
 import subprocess
 import sys
 from itertools import chain, pairwise
@@ -250,18 +251,16 @@ def _say_next(session: Session) -> None:
     # A comparison looks for this delay between two frames, to within half of their interval.
     compared_ns = COMPARED_MS * 1e6
     too_far = step_ns > 2 * compared_ns or 0 < times_ns[-1] - times_ns[0] < compared_ns - step_ns / 2
-    alone = len(session.manifest.cameras) < 2
+    alone, folder = len(session.manifest.cameras) < 2, shlex.quote(str(session.folder))
     if not calibrated and not alone:
-        talk(
-            f"depth needs a calibration: reconstruct calibrate {session.folder}, by a board or what is still"
-        )
+        talk(f"depth needs a calibration: reconstruct calibrate {folder}, by a board or what is still")
     # To look at the pictures works whatever they show.
     if alone or not calibrated or too_far or _are_times_uncertain(session):
-        step = f"capture-app sessions sheet {session.folder}"
+        step = f"capture-app sessions sheet {folder} --out {session.folder.name}.jpg"
     else:
         # One instant has no other to compare it with.
         command = "multiview" if len(times_ns) < 2 else "compare"
-        step = f"reconstruct {command} {session.folder} --out {session.folder.name}-{command}"
+        step = f"reconstruct {command} {folder} --out {session.folder.name}-{command}"
     talk(f"next: {step}")
 
 

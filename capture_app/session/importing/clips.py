@@ -18,6 +18,7 @@ from capture_app.common.errors import BadInputError, NotAvailableError
 from capture_app.common.names import name_like, natural_order
 from capture_app.common.text import count
 from capture_app.session.alignment.alignment_method import alignment_methods
+from capture_app.session.importing.importer import CAMERA
 from capture_app.session.importing.recording_sources import folders_below, videos_in
 from capture_app.session.importing.video_tracks import open_container
 
@@ -157,9 +158,6 @@ def _at_difference(first: Sequence[Clip], clips: Sequence[Clip], later_s: float)
     return tuple(pairs)
 
 
-_CAMERA = re.compile(
-    r"cam|left|right|front|back|side|top|view|gopro|phone|pixel|ipad|galaxy|canon|sony|angle"
-)
 _TAKE = re.compile(r"take|trial|run|scene|shot|day|session|try|attempt|walk|jump|20\d\d")
 CALIBRATION = re.compile(r"calib|intrinsic|extrinsic|board|checker|charuco", re.IGNORECASE)
 _PROXY = re.compile(r"(^|/)(SUB/|prox(y|ies)/|GL\d{6}\.|LRV_)|_proxy\.", re.IGNORECASE)
@@ -331,7 +329,7 @@ def _by_names(clips: Sequence[Clip], notes: list[str]) -> list[Shoot]:
 def _take_words(names: Iterable[str]) -> int:
     """Return 1 if words are those of takes, -1 if of cameras, 0 if of neither."""
     text = " ".join(names).lower()
-    return -1 if _CAMERA.search(text) else int(_TAKE.search(text) is not None)
+    return -1 if CAMERA.search(text) else int(_TAKE.search(text) is not None)
 
 
 def _of_folders(inner: Mapping[Path, list[Clip]], notes: list[str]) -> list[Shoot]:

@@ -31,6 +31,10 @@ from capture_app.session.importing.recording_sources import (
 from capture_app.session.importing.views import Views
 
 GROUP = "simulshot.importers"
+CAMERA = re.compile(
+    r"cam|left|right|front|back|side|top|view|gopro|phone|pixel|ipad|galaxy|canon|sony|angle", re.IGNORECASE
+)
+"""Words in the names of cameras."""
 _DATE = re.compile(r"(19|20)\d{6}")
 _Camera = tuple[str, Path, list[Path]]
 """Name and path of a camera, and its image files if the folder has those of other cameras."""
@@ -156,7 +160,11 @@ def _by_label(images: Sequence[Path]) -> dict[str, list[Path]]:
     counts = [len(numbered) for numbered in cameras.values()]
     named = all(is_name(name) and re.search("[A-Za-z]", name) for name in cameras)
     dated = any(_DATE.search(name) for name in cameras)
-    told = sum(counts) == len(images) and len(counts) > 1 < min(counts) and named and not dated
+    # With more cameras than images of each, the numbers may be those of the cameras.
+    swapped = len(counts) > min(counts, default=0) and not any(map(CAMERA.search, cameras))
+    told = (
+        not swapped and sum(counts) == len(images) and len(counts) > 1 < min(counts) and named and not dated
+    )
     if not told or 2 * len(set.intersection(*map(set, cameras.values()))) < min(counts):
         return {}
     return {name: list(numbered.values()) for name, numbered in cameras.items()}
@@ -215,8 +223,9 @@ def _cameras_in(folder: Path) -> list[_Camera]:
     if not videos and not folders:
         if images := images_in(folder):
             raise BadInputError(
-                f"{folder} has {count(len(images), 'image')} of one camera, by their names",
-                hint=f"capture-app sessions import cam0={shlex.quote(str(folder))} --fps RATE",
+                f"{folder} has {count(len(images), 'image')}, whose names tell no cameras apart",
+                hint="put each camera's into a folder; or as one camera: capture-app sessions import "
+                f"cam0={shlex.quote(str(folder))} --fps RATE",
             )
         if archives := sorted(path for path in folder.iterdir() if path.suffix.lower() in ARCHIVE_SUFFIXES):
             raise _archive(archives[0])

@@ -75,7 +75,7 @@ def test_what_is_no_recording_is_named_with_what_would_read_it(
     for number in range(3):
         (single / f"IMG_{number:04}.jpg").write_bytes(jpeg(number))
     talk = refused(single, capsys)
-    assert "3 images of one camera" in talk
+    assert "3 images, whose names tell no cameras apart" in talk
     assert f"capture-app sessions import cam0={single} --fps" in talk
 
 

@@ -160,12 +160,11 @@ def _by_label(images: Sequence[Path]) -> dict[str, list[Path]]:
     counts = [len(numbered) for numbered in cameras.values()]
     named = all(is_name(name) and re.search("[A-Za-z]", name) for name in cameras)
     dated = any(_DATE.search(name) for name in cameras)
-    # With more cameras than images of each, the numbers may be those of the cameras.
-    swapped = len(counts) > min(counts, default=0) and not any(map(CAMERA.search, cameras))
-    told = (
-        not swapped and sum(counts) == len(images) and len(counts) > 1 < min(counts) and named and not dated
-    )
-    if not told or 2 * len(set.intersection(*map(set, cameras.values()))) < min(counts):
+    # Of two numbers, the one of fewer values is the camera's: with as many, they do not tell.
+    by_number = len({re.sub(r"\d+", "", name) for name in cameras}) == 1
+    swapped = by_number and len(counts) >= min(counts) and not any(map(CAMERA.search, cameras))
+    told = sum(counts) == len(images) and len(counts) > 1 < min(counts) and named
+    if not told or dated or swapped or 2 * len(set.intersection(*map(set, cameras.values()))) < min(counts):
         return {}
     return {name: list(numbered.values()) for name, numbered in cameras.items()}
 

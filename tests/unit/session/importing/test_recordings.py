@@ -134,7 +134,7 @@ def test_bad_recordings_say_why_and_leave_nothing(make_images: MakeImages, tmp_p
         assert not (out / "rec").exists()
 
     refuse("nothing at", str(tmp_path / "nowhere"))
-    refuse("2 images of one camera", str(folder))
+    refuse("2 images, whose names tell no cameras apart", str(folder))
     refuse("two cameras are named left", str(folder.parent), f"left={folder}")
     (tmp_path / "empty").mkdir()
     refuse("no images in", f"a={tmp_path / 'empty'}")

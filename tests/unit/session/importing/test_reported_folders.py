@@ -89,7 +89,7 @@ def test_times_in_names_pair_cameras_that_dropped_others(tmp_path: Path) -> None
     assert [(gone.camera, gone.instant) for gone in session.manifest.missing] == [("L", 1)]
 
 
-@pytest.mark.parametrize("frames", [range(3), range(8, 12)])
+@pytest.mark.parametrize("frames", [range(2), range(3), range(8, 12)])
 def test_names_that_end_with_the_camera(tmp_path: Path, frames: range) -> None:
     """dicengine/dice#126: FRAME_CAMERA, of any number of digits; frames are not taken as cameras."""
     files = [f"Cal_{frame}_{camera}.jpg" for frame, camera in product(frames, (0, 1))]

@@ -18,8 +18,7 @@ from capture_app.common.errors import BadInputError, NotAvailableError
 from capture_app.common.names import name_like, natural_order
 from capture_app.common.text import count
 from capture_app.session.alignment.alignment_method import alignment_methods
-from capture_app.session.importing.importer import CAMERA
-from capture_app.session.importing.recording_sources import folders_below, videos_in
+from capture_app.session.importing.recording_sources import CAMERA, folders_below, videos_in
 from capture_app.session.importing.video_tracks import open_container
 
 _SLACK_S = 2.0

@@ -20,6 +20,7 @@ from capture_app.common.text import count
 from capture_app.session.format.manifest import IMAGE_SUFFIXES
 from capture_app.session.importing.recording_sources import (
     ARCHIVE_SUFFIXES,
+    CAMERA,
     Layout,
     Source,
     Video,
@@ -31,10 +32,6 @@ from capture_app.session.importing.recording_sources import (
 from capture_app.session.importing.views import Views
 
 GROUP = "simulshot.importers"
-CAMERA = re.compile(
-    r"cam|left|right|front|back|side|top|view|gopro|phone|pixel|ipad|galaxy|canon|sony|angle", re.IGNORECASE
-)
-"""Words in the names of cameras."""
 _DATE = re.compile(r"(19|20)\d{6}")
 _Camera = tuple[str, Path, list[Path]]
 """Name and path of a camera, and its image files if the folder has those of other cameras."""

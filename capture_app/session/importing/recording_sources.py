@@ -34,6 +34,10 @@ MAX_DEPTH = 12
 """Maximum folder depth of a search, such as CAMERA/DCIM/100GOPRO."""
 Numbers = tuple[int, ...]
 """All numbers in a name, in order."""
+CAMERA = re.compile(
+    r"cam|left|right|front|back|side|top|view|gopro|phone|pixel|ipad|galaxy|canon|sony|angle", re.IGNORECASE
+)
+"""Words in the names of cameras."""
 _FIRST_CHAPTER = re.compile(r"(?P<kind>G[XH])01(?P<number>\d{4})|GOPR(?P<old>\d{4})")
 _DATE = re.compile(
     r"((?:19|20)\d{2})[-_.:]?(\d{2})[-_.:]?(\d{2})[-_.T ]?(\d{2})[-_.:h]?(\d{2})[-_.:m]?(\d{2})"

@@ -13,6 +13,7 @@ import numpy as np
 from msgspec import structs
 
 from capture_app.common.errors import BadInputError, NotAvailableError
+from capture_app.common.instants import COMPARED_MS
 from capture_app.console.terminal import Progress
 from reconstruction.common.outputs import REPORT, comparison_folder, write_metrics
 from reconstruction.method.comparison_results import InstantTolerance, OffsetTolerance
@@ -28,7 +29,6 @@ from reconstruction.method.timing import (
 )
 from reconstruction.report.tolerance_report import tolerance_sentence, write_tolerance_report
 from reconstruction.scene.conditions import (
-    DEFAULT_OFFSET_MS,
     SYNCHRONIZED,
     FrameOffset,
     nearest_frame_offset,
@@ -137,7 +137,7 @@ def measure_tolerance(
     session: Path,
     out: Path | None = None,
     *,
-    max_offset_ms: float = DEFAULT_OFFSET_MS,
+    max_offset_ms: float = COMPARED_MS,
     pair: tuple[str, str] | None = None,
     max_instants: int = 16,
     time_shifts_ms: Mapping[str, float] = MappingProxyType({}),

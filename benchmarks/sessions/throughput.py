@@ -1,19 +1,20 @@
 """What a rig bears: the rate at which recordings of many cameras are saved, and what it costs.
 
-    python -m benchmarks.sessions.throughput [--rig 8x60] [--rig 4x30] [--seconds 20] [--open]
+    python -m benchmarks.sessions.throughput [--rig 8x60] [--rig 4x30] [--seconds 20] [--load 10] [--open]
 
-One leader and one node a camera on this machine, each a process of its own. Each camera replays 1920x1080
-JPEGs of about 250 kB (a simulated camera, a real load), so nothing is encoded. `--rig 8x60` is eight cameras
-at 60 frames a second. It counts what is on the leader's disk when the last frame has been taken, how much
-later the rest was saved, the processor time of the leader and of a node for 1,000 frames, a node's without
-recording, and their memory. In the same minutes `ffmpeg -c copy` sends the same JPEGs
-over TCP into files, if ffmpeg is installed, and so does a plain socket of Python, which syncs its files each
-second. All share this machine's processors, so a rig on machines of its own bears more.
+One leader and one node a camera on this machine, each a process of its own. Each camera hands over 1920x1080
+JPEGs of about 250 kB from its memory (a simulated camera, a real load), so nothing is read or encoded: see
+`memory_node`. `--rig 8x60` is eight cameras at 60 frames a second, `--rig 8x15@4k` eight of 3840x2160.
+`--load 10` runs as many busy processes beside all that. It counts what is on the leader's disk when the last
+frame has been taken, how much later the rest was saved, the processor time of the leader and of a node for
+1,000 frames, a node's without recording, and their memory. In the same minutes `ffmpeg -c copy` sends the
+same JPEGs over TCP into files, if ffmpeg is installed, and so does a plain socket of Python, which syncs its
+files each second. All share this machine's processors, so a rig on machines of its own bears more.
 """
 
 import argparse
 import asyncio
-import hashlib
+import contextlib
 import json
 import os
 import shutil
@@ -24,7 +25,7 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -32,72 +33,31 @@ import cv2
 import numpy as np
 
 from benchmarks.report import Report, new_parser, print_report, print_table, talk
+from benchmarks.sessions.memory_node import write_film
 from capture_app.common.address import Address
-from capture_app.common.camera_facts import CameraFacts, PhaseControl, TimestampSource
 from capture_app.common.errors import SimulshotError
 from capture_app.rig.rig_link import ask_status
-from capture_app.session.format.manifest import BurstRecord, CameraRecord, ImageRecord, image_path
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
-from capture_app.session.writing.image_store import StoredImage
-from capture_app.session.writing.session_writer import SessionWriter
 
-WIDTH, HEIGHT, PICTURES, QUALITY = 1920, 1080, 60, 84
+SIZES = {"": (1920, 1080), "4k": (3840, 2160)}
+PICTURES, QUALITY = 60, 84
 READY_S, AFTER_S = 120.0, 300.0
 IDLE_S = 4.0
 CLOCK_TICKS = os.sysconf("SC_CLK_TCK")
 
 
-def pictures() -> list[bytes]:
+def pictures(width: int, height: int) -> list[bytes]:
     """Return JPEGs with a camera's detail and noise."""
     rng = np.random.default_rng(1)
-    coarse = rng.integers(0, 255, (HEIGHT // 60, WIDTH // 60, 3), np.uint8)
-    scene = cv2.resize(coarse, (WIDTH, HEIGHT), interpolation=cv2.INTER_CUBIC).astype(np.int16)
+    coarse = rng.integers(0, 255, (height // 60, width // 60, 3), np.uint8)
+    scene = cv2.resize(coarse, (width, height), interpolation=cv2.INTER_CUBIC).astype(np.int16)
     made = []
-    for number in range(PICTURES):
-        noise = rng.normal(0, 4, (HEIGHT, WIDTH, 3)).astype(np.int16)
+    for number in range(PICTURES * SIZES[""][0] // width):
+        noise = rng.normal(0, 4, (height, width, 3)).astype(np.int16)
         picture = np.clip(np.roll(scene, 7 * number, axis=1) + noise, 0, 255).astype(np.uint8)
         made.append(cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])[1].tobytes())
     return made
-
-
-def write_session(root: Path, fps: float, images: Sequence[bytes]) -> Path:
-    """Write a recording that can be replayed, with a second's images of one camera."""
-    period_ns = round(1e9 / fps)
-    facts = CameraFacts(
-        kind="v4l2",
-        model="Webcam",
-        width=WIDTH,
-        height=HEIGHT,
-        period_ns=period_ns,
-        timestamp_source=TimestampSource.START_OF_EXPOSURE,
-        phase_control=PhaseControl.RESET,
-    )
-    with SessionWriter.create(root, f"source-{fps:g}") as writer:
-        stored = [
-            StoredImage(
-                ImageRecord(
-                    camera="cam",
-                    instant=n,
-                    path=image_path("cam", n),
-                    leader_ns=10**9 + n * period_ns,
-                    bytes=len(data),
-                    sha256=hashlib.sha256(data).hexdigest(),
-                    local_ns=10**9 + n * period_ns,
-                    residual_ns=0,
-                    exposure_start_ns=10**9 + n * period_ns,
-                ),
-                data,
-            )
-            for n, data in enumerate(images)
-        ]
-        writer.save(stored, in_videos=True)
-        burst = BurstRecord(
-            instants_ns=tuple(10**9 + n * period_ns for n in range(len(images))),
-            period_ns=period_ns,
-            requested_ns=10**9,
-        )
-        return writer.finish([CameraRecord(name="cam", facts=facts)], burst).folder
 
 
 class Processes:
@@ -167,7 +127,15 @@ def film_bytes(sessions: Path) -> int:
 
 
 async def record(
-    folder: Path, source: Path, cameras: int, fps: float, seconds: float, port: int, *, is_open: bool
+    folder: Path,
+    source: Path,
+    cameras: int,
+    fps: float,
+    seconds: float,
+    port: int,
+    *,
+    load: int,
+    is_open: bool,
 ) -> Report:
     """Record once by real processes."""
     names = [f"cam{number}" for number in range(cameras)]
@@ -176,16 +144,17 @@ async def record(
     program, flag = (sys.executable, "-m", "capture_app.cli"), ["--open"] if is_open else []
     processes = Processes(folder)
     at_port = ("--host", address.host, "--port", str(port))
+    loading = contextlib.ExitStack()
     try:
         processes.start("leader", *program, "leader", *at_port, "--sessions", sessions, *flag)
         for name in names:
-            camera = f"replay:{source},camera=cam"
-            where = ("--leader", str(address), "--spool", folder / "spool")
-            processes.start(name, *program, "node", "--name", name, "--camera", camera, *where, *flag)
+            words = (str(source), f"{fps:g}", str(address), name, str(folder / "spool"), *flag)
+            processes.start(name, sys.executable, "-m", "benchmarks.sessions.memory_node", *words)
         await wait_until_ready(address, names)
         before = processes.cpu_s()
         await asyncio.sleep(IDLE_S)
         at_rest = processes.cpu_s()
+        loading.enter_context(busy(load))
         taking = subprocess.Popen(  # noqa: ASYNC220 - it is waited for below
             [*program, "record", "--leader", str(address), "--seconds", str(seconds), "--json"],
             stdout=subprocess.PIPE,
@@ -203,6 +172,7 @@ async def record(
         late_s = time.monotonic() - begun_s - seconds
         used = {name: value - at_rest[name] for name, value in processes.cpu_s().items()}
     finally:
+        loading.close()
         processes.close()
     session = Session.open(Path(json.loads(output)["session"]))
     manifest = session.manifest
@@ -261,7 +231,7 @@ def by_ffmpeg(folder: Path, film: Path, cameras: int, fps: float, seconds: float
     took_s = time.monotonic() - begun_s
     receiving_s = used_s(lambda: [process.wait() for process in receivers])
     total = sum((folder / f"ffmpeg{number}.mjpeg").stat().st_size for number in range(cameras))
-    frames = total / (film.stat().st_size / PICTURES)
+    frames = total / (film.stat().st_size / len(json.loads(film.with_suffix(".json").read_text())["lengths"]))
     return _of_another("ffmpeg -c copy", total / took_s, frames, receiving_s, sending_s)
 
 
@@ -328,41 +298,61 @@ def _of_another(name: str, rate: float, frames: float, receiving_s: float, sendi
     }
 
 
+@contextlib.contextmanager
+def busy(processes: int) -> Iterator[None]:
+    """Keep this machine busy with so many processes."""
+    running = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(processes)]
+    try:
+        yield
+    finally:
+        for process in running:
+            process.kill()
+            process.wait()
+
+
 def measure(options: argparse.Namespace, folder: Path) -> Report:
     """Measure each rig, beside ffmpeg and a plain socket."""
-    images = pictures()
-    film = folder / "pictures.mjpeg"
-    film.write_bytes(b"".join(images))
-    mean_bytes = sum(map(len, images)) // len(images)
-    report: Report = {"image_bytes": mean_bytes, "cores": len(os.sched_getaffinity(0)), "rigs": {}}
+    report: Report = {"cores": len(os.sched_getaffinity(0)), "load": options.load, "rigs": {}}
     port = options.port
     for rig in options.rig or ["8x60", "4x30"]:
-        cameras, fps = int(rig.partition("x")[0]), float(rig.partition("x")[2])
-        source = write_session(folder, fps, images)
+        cameras, fps = int(rig.partition("x")[0]), float(rig.partition("x")[2].partition("@")[0])
+        size = SIZES[rig.partition("@")[2]]
+        images, film = pictures(*size), folder / f"{rig}.mjpeg"
+        write_film(film, size, images)
+        mean_bytes = sum(map(len, images)) // len(images)
         rows = []
         others = [] if options.only else [by_socket, *([by_ffmpeg] if shutil.which("ffmpeg") else [])]
         for is_open in (False, True) if options.open else (False,):
             place = Path(tempfile.mkdtemp(dir=folder))
-            recording = record(place, source, cameras, fps, options.seconds, port, is_open=is_open)
+            recording = record(
+                place, film, cameras, fps, options.seconds, port, load=options.load, is_open=is_open
+            )
             rows.append(asyncio.run(recording))
             talk(f"{rig}: {rows[-1]}")
             shutil.rmtree(place)
             port += 1
         for work in others:
             place, data = Path(tempfile.mkdtemp(dir=folder)), film if work is by_ffmpeg else images
-            rows.append(work(place, data, cameras, fps, options.seconds, port))  # type: ignore[operator]
+            with busy(options.load):
+                rows.append(work(place, data, cameras, fps, options.seconds, port))  # type: ignore[operator]
             shutil.rmtree(place)
             port += cameras
-        shutil.rmtree(source)
-        report["rigs"][rig] = {"offered_mb_per_s": cameras * fps * mean_bytes / 1e6, "rows": rows}
+        film.unlink()
+        report["rigs"][rig] = {
+            "image_bytes": mean_bytes,
+            "offered_mb_per_s": cameras * fps * mean_bytes / 1e6,
+            "rows": rows,
+        }
     return report
 
 
 def print_tables(report: Report) -> None:
     """Print a report as tables."""
-    print(f"images of {report['image_bytes'] / 1000:.0f} kB; everything on {report['cores']} cores")
+    print(f"everything on {report['cores']} cores, beside {report['load']} busy processes")
     for rig, of in report["rigs"].items():
-        print(f"\n{rig}: {of['offered_mb_per_s']:.0f} MB/s offered")
+        print(
+            f"\n{rig}: {of['offered_mb_per_s']:.0f} MB/s offered, images of {of['image_bytes'] / 1000:.0f} kB"
+        )
         rows = []
         for row in of["rows"]:
             cpu, memory = row["cpu_s_per_1000"], row.get("memory_mb", {})
@@ -389,6 +379,7 @@ def main() -> None:
     parser = new_parser(__doc__)
     parser.add_argument("--rig", action="append", help="CAMERASxFPS; may be given again")
     parser.add_argument("--seconds", type=float, default=20.0)
+    parser.add_argument("--load", type=int, default=0, help="busy processes beside the recording")
     parser.add_argument("--open", action="store_true", help="measure an open rig, without TLS, too")
     parser.add_argument("--only", action="store_true", help="simulshot alone, without ffmpeg and a socket")
     parser.add_argument("--port", type=int, default=47841)

@@ -262,7 +262,7 @@ class VirtualRig:
         if not frame.dropped:
             timestamp_ns = node.spec.clock.local_from_true(frame.timestamp_true_ns)
             stamp = FrameStamp(frame.sequence, frame.stream, timestamp_ns)
-            node.client.frame_arrived(stamp, frame, self._local(node))
+            node.client.frames_arrived([(stamp, frame, 0)], self._local(node))
         self._pump(node)
 
     def _pump(self, node: VirtualNode) -> None:

@@ -1,9 +1,6 @@
 """Frames as cameras deliver them, with images copied out of the driver's buffers: JPEG or pixels."""
 
-import os
-import threading
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Protocol
@@ -157,10 +154,3 @@ def picture_from_buffer(data: bytes, layout: PixelFormat) -> JpegPicture | Pixel
 
 def _rows(layout: PixelFormat) -> int:
     return layout.height * 3 // 2 if layout.fourcc == "NV12" else layout.height
-
-
-def lower_priority() -> None:
-    """Lower the calling thread's priority below all others of this process: the clock exchange runs first."""
-    # Linux has a niceness per thread; on systems without one, all threads stay equal.
-    with suppress(OSError):
-        os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), 10)

@@ -29,6 +29,7 @@ from capture_app.commands.shared_options import (
 from capture_app.common.address import LOOPBACK_HOSTS, Address
 from capture_app.common.pairing_codes import Role, show_code
 from capture_app.common.plugins import COMMANDS, plugin_names
+from capture_app.common.priority import raise_priority
 from capture_app.common.stagger import Stagger
 from capture_app.common.tasks import first_of, has_come
 from capture_app.console.terminal import FiniteRange, json_option, log_line, print_json_line, talk
@@ -147,6 +148,7 @@ def leader(
         log=log,
         as_json=as_json,
     )
+    raise_priority()
     run_until_stopped(lead_by_rank(make_options, leaders, run), until_eof=until_eof)
 
 

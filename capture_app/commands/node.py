@@ -65,6 +65,11 @@ from capture_app.console.usage import examples
     help="Memory limit of the ring buffer, and again of frames not yet on disk.",
 )
 @click.option(
+    "--let-drift",
+    is_flag=True,
+    help="Let the camera drift in recordings. Use it if no frame may be longer than the others.",
+)
+@click.option(
     "--at-boot/--not-at-boot",
     default=None,
     show_default=False,
@@ -83,6 +88,7 @@ def node(
     clock_tolerance_us: float | None,
     spool: Path,
     ring_mb: float | None,
+    let_drift: bool,
     at_boot: bool | None,
     yes: bool,
     pin: str | None,
@@ -95,6 +101,7 @@ def node(
     Without --leader the node searches the local network, and asks if there are several leaders. A relay's
     address works like a leader's. An unpaired machine is paired once, by --code or by the code asked for.
     """
+    from capture_app.common.priority import raise_priority
     from capture_app.node.camera.node_group import camera_node, name_cameras, run_nodes
     from capture_app.node.camera.spool import free_spool
 
@@ -117,10 +124,12 @@ def node(
             clock_tolerance_ns=None if clock_tolerance_us is None else round(clock_tolerance_us * 1000),
             spool=free_spool(spool, label) if until_eof else spool,
             log=Log(functools.partial(_log_line_of, label), name=label),
+            moves_in_recordings=not let_drift,
             **ring,
         )
         for label, spec in named.items()
     }
+    raise_priority()
     run_until_stopped(run_nodes(nodes, Log(log_line)), until_eof=until_eof)
 
 

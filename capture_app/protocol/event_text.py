@@ -29,6 +29,7 @@ _EVENT_FIELDS: dict[type, tuple[str, tuple[str, ...]]] = {
     events.ForeignTrigger: ("foreign-trigger", ("leader", "burst")),
     events.TriggerCancelled: ("burst-cancelled", ("leader", "burst")),
     events.FramesDropped: ("frames-dropped", ("count", "sequence")),
+    events.PhaseMoved: ("phase-moved", ("local_ns", "shift_ns")),
     events.AlignmentFailed: ("alignment-failed", ("reason",)),
     clock_events.StepRefused: ("clock-step-refused", ("times",)),
     clock_events.ClockRateUnusual: ("clock-rate-unusual", ("fast_ppm",)),

@@ -378,9 +378,9 @@ class BurstSession:
     ) -> "asyncio.Future[str]":
         """Receive images; the returned future yields the batch's checksum once they are on disk.
 
-        Raises BadInputError, DamagedImageError, DiskFullError, as does the future; a full disk ends the
-        burst. Raises TryAgainError for an image that was damaged on its way, or that differs from the one
-        that its session has.
+        Raises BadInputError, DamagedImageError, DiskError, as does the future. Raises
+        TryAgainError for an image that was damaged on its way, or that differs from the one that its session
+        has.
         """
         delivery, facts = self._delivery(batch.camera), self._delivery(batch.camera).plan.camera.facts
         if len({(image.leader, image.burst, image.record.camera) for image in batch.images}) > 1:
@@ -397,7 +397,7 @@ class BurstSession:
                 error.what, instants=tuple(ordered[numbers.index(number)] for number in error.instants)
             ) from None
         except DiskError as error:
-            self._background.start(self._break_off(error))
+            self._note_disk_error(error)
             raise
         saving.add_done_callback(functools.partial(self._note_saved, delivery, numbers))
         delivery.note_heard(now_ns)
@@ -437,6 +437,13 @@ class BurstSession:
             if self._may_finish():
                 self._background.start(self.finish_if_complete())
         elif isinstance(error, DiskError):
+            self._note_disk_error(error)
+
+    def _note_disk_error(self, error: DiskError) -> None:
+        """Finish the burst, unless more is to come: then its cameras store it until the disk has room."""
+        if isinstance(error, DiskFullError) and self.burst.streamed and self._now_ns < self._ends_ns:
+            self.trouble = f"{error}; the cameras keep their images meanwhile"
+        else:
             self._background.start(self._break_off(error))
 
     # Choice of instants, and the plan

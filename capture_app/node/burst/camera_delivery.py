@@ -14,7 +14,7 @@ from capture_app.common.timeouts import (
 from capture_app.node.burst.plans import InstantChoice
 from capture_app.protocol.messages import ImageReceipt
 from capture_app.session.format.burst_plan import CameraPlan
-from capture_app.session.format.manifest import MAX_WIDENED, MissingImage
+from capture_app.session.format.manifest import MAX_MOVES, MAX_WIDENED, MissingImage
 from capture_app.session.writing.instant_set import InstantSet
 from capture_app.session.writing.session_writer import SessionWriter
 
@@ -116,9 +116,10 @@ class CameraDelivery:
         if self.plan.reported:
             known = self.plan.camera
             widened = tuple(dict.fromkeys((*known.widened, *plan.camera.widened)))
+            moves = tuple(dict.fromkeys((*known.moves, *plan.camera.moves)))[:MAX_MOVES]
             plan = replace(
                 plan,
-                camera=replace(known, widened=widened[:MAX_WIDENED]),
+                camera=replace(known, widened=widened[:MAX_WIDENED], moves=moves),
                 calibration=self.plan.calibration,
                 true_clock=self.plan.true_clock,
             )

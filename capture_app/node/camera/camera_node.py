@@ -31,7 +31,13 @@ from capture_app.node.endpoint import Endpoint
 from capture_app.protocol.event_text import client_line, client_record, why_doubted
 from capture_app.protocol.messages import MAX_EVENTS, CameraReport, EventValue
 from capture_app.session.format.burst_plan import CameraPlan
-from capture_app.session.format.manifest import CameraRecord, ClockRecord, PhaseRecord, WidenedTimes
+from capture_app.session.format.manifest import (
+    CameraRecord,
+    ClockRecord,
+    PhaseMove,
+    PhaseRecord,
+    WidenedTimes,
+)
 from capture_app.sync.clock.clock_filter import ClockSample
 from capture_app.sync.rig import events
 from capture_app.sync.rig.client import Client, ClientConfig
@@ -104,6 +110,7 @@ class CameraNode:
                 ring_bytes=options.ring_bytes,
                 injection_profile=profile.usable_injection,
                 start_latencies_ns=profile.start_latencies_ns,
+                moves_in_recordings=options.moves_in_recordings,
             ),
             random.Random(secrets.randbits(64)),
             samples=self._samples,
@@ -188,6 +195,8 @@ class CameraNode:
         if isinstance(event, TimesDoubted):
             self._uploader.widen_times(widened_times(event))
             self._stepped = event if event.jumped else self._stepped
+        if isinstance(event, events.PhaseMoved):
+            self._uploader.note_move(PhaseMove(local_ns=event.local_ns, shift_ns=event.shift_ns))
         self._happened.append({"local_ns": self._clock.now_ns(), **client_record(event)})
         if words := client_line(event):
             self._log.say(words)

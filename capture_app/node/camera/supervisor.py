@@ -186,6 +186,8 @@ class NodeOptions(EndpointOptions):
     """Maximum age of frames stored for bursts in the past."""
     ring_bytes: int = RING_BYTES
     """Maximum memory for stored frames, and again for frames that are not on a disk yet."""
+    moves_in_recordings: bool = True
+    """Whether a recorded stream that drifts is brought back by one longer frame."""
     spool: Path | None = None
     """Folder for the images that the leader does not have yet; without one they stay in memory."""
     profiles: DeviceProfiles = NO_PROFILES
@@ -212,6 +214,8 @@ class CameraSupervisor:
         self.controls = ControlKeeper(self)
         """Exposure, gain, white balance and focus."""
         self._streams_before = self._last_stream = self._delivered = 0
+        self._arrived: list[tuple[FrameStamp, CapturedFrame, int]] = []
+        """Frames that the engine has not got yet, with their memory in bytes."""
 
     async def open(self) -> None:
         """Open the camera, again after a failure, and start its stream. Raises the camera's errors."""
@@ -335,12 +339,18 @@ class CameraSupervisor:
             self._pump.turn()
 
     def add_frame(self, frame: CapturedFrame) -> None:
-        """Pass the next frame to the engine."""
+        """Pass the next frame to the engine, together with those that arrive at the same time."""
         # A reopened camera counts its streams from the start; the engine's count goes on.
         self._last_stream = self._streams_before + frame.stream
         stamp = FrameStamp(frame.sequence, self._last_stream, frame.timestamp_ns)
+        if not self._arrived:
+            asyncio.get_running_loop().call_soon(self._pass_on)
+        self._arrived.append((stamp, frame, frame.picture.held_bytes))
+
+    def _pass_on(self) -> None:
         self._engine_ns = self._options.clock.now_ns()
-        self._engine.frame_arrived(stamp, frame, self._engine_ns, frame.picture.held_bytes)
+        arrived, self._arrived = self._arrived, []
+        self._engine.frames_arrived(arrived, self._engine_ns)
         self._pump.turn()
 
     def _report_to_engine(self, failure: str) -> None:

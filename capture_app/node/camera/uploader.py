@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 
 from msgspec.structs import replace
 
-from capture_app.cameras.frames import CapturedFrame, lower_priority
+from capture_app.cameras.frames import CapturedFrame
 from capture_app.common.address import Address
 from capture_app.common.errors import (
     CameraError,
@@ -40,7 +40,7 @@ from capture_app.protocol.messages import (
     ReportAck,
     SpoolSpace,
 )
-from capture_app.session.format.manifest import WidenedTimes
+from capture_app.session.format.manifest import MAX_MOVES, PhaseMove, WidenedTimes
 from capture_app.sync.rig.frame_selection import FramesSelected, SelectedFrame
 from capture_app.trust.identity import is_proven
 from capture_app.trust.trust import Trust
@@ -54,7 +54,7 @@ MAX_IN_FLIGHT, MAX_BYTES_IN_FLIGHT = 64, 16 << 20
 """Maximum number and size of unacknowledged images, because the leader syncs its disk for many at a time."""
 UNSYNCED_S = 1.0
 """Images of a streamed burst that the leader does not have by then are synced to the node's disk."""
-ENCODE_EVERY_S = 0.1
+ENCODE_EVERY_S = 0.25
 """Interval at which frames of a streamed burst are stored; those of others are stored one by one."""
 ASK_AGAIN_S, MAX_DOUBLINGS = 0.05, 4
 """Delay before a burst that depends on other cameras is reported again, for each burst that waits here; it
@@ -315,7 +315,7 @@ class Uploader:
         self._to_encode = asyncio.Event()
         self._to_sync = asyncio.Event()
         self._space_is_due = False
-        self._thread = ThreadPoolExecutor(1, "encode", initializer=lower_priority)
+        self._thread = ThreadPoolExecutor(1, "encode")
         self._encoding: asyncio.Task[None] | None = None
         self._stream: Channel[Any] | None = None
         self._roots: Collection[str] = ()
@@ -392,6 +392,14 @@ class Uploader:
         """Report to the leader that a clock was wrong, for every burst that is not finished."""
         for upload in self._bursts:
             upload.widen_times(times)
+        self._changed.set()
+
+    def note_move(self, move: PhaseMove) -> None:
+        """Report to the leader that a stream was moved, for every recording that is under way."""
+        for upload in filter(lambda of: of.is_picking, self._bursts):
+            camera = upload.report.plan.camera
+            moves = (*camera.moves, move)[:MAX_MOVES]
+            upload.report = upload.report.with_plan(camera=replace(camera, moves=moves))
         self._changed.set()
 
     def cancel_burst(self, leader: int, burst: int) -> None:

@@ -11,7 +11,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from typing import Any
 
-from capture_app.cameras.frames import CapturedFrame, lower_priority
+from capture_app.cameras.frames import CapturedFrame
 from capture_app.common.address import Address
 from capture_app.common.errors import NetworkError
 from capture_app.common.tasks import first_of, has_come
@@ -101,7 +101,7 @@ class Viewfinder:
         """Timestamp of the frame chosen last, or of the first one that could be."""
         self._frame_chosen = asyncio.Event()
         self._may_send = asyncio.Event()
-        self._thread = ThreadPoolExecutor(1, "preview", initializer=lower_priority)
+        self._thread = ThreadPoolExecutor(1, "preview")
 
     @property
     def health(self) -> CameraHealth:

@@ -90,6 +90,19 @@ MAX_WIDENED = 64
 """Maximum number of such intervals of a camera in one burst."""
 
 
+class PhaseMove(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """A move of a camera's stream within a recording, which takes back its drift."""
+
+    local_ns: TimeNs
+    """Timestamp of the first frame after the move; one to three frames before it lasted longer."""
+    shift_ns: TimeNs
+    """Delay of all frames from then on."""
+
+
+MAX_MOVES = 1000
+"""Maximum number of a camera's moves that one recording lists; later ones are made all the same."""
+
+
 class CameraRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True):
     """One camera of the rig: its properties, and the state of its clock and phase during the burst."""
 
@@ -103,6 +116,8 @@ class CameraRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     """Planned time of its images after their instants; not 0 for a camera of a staggered rig."""
     widened: Annotated[tuple[WidenedTimes, ...], Meta(max_length=MAX_WIDENED)] = ()
     """Intervals in which a clock was wrong before that was noticed; its images' errors include them."""
+    moves: Annotated[tuple[PhaseMove, ...], Meta(max_length=MAX_MOVES)] = ()
+    """Moves of its stream within a recording."""
 
     def __post_init__(self) -> None:
         """Raise ValueError for a camera without pixels."""

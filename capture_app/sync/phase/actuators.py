@@ -114,6 +114,10 @@ class PhaseActuator:
         """Return the setpoint for a burst in `begins_ns` that lasts `lasts_ns`; None for no move."""
         return self.setpoint_on_hold(drift)
 
+    def setpoint_in_recording(self, drift: Drift) -> Setpoint | None:
+        """Return the setpoint for a stream that is being recorded; None for no move."""
+        return self.setpoint_on_hold(drift)
+
     def command(self, move: Move) -> CameraCommand | None:
         """Return the command closest to the requested move; None if no command improves on doing nothing."""
         return None

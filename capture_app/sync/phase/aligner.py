@@ -244,8 +244,12 @@ class Aligner:
         self.window.clear()
         self.actuator.note_start(local_ns, self.phase.period_ns)
 
-    def complete_command(self, now_local_ns: int) -> None:
-        """End the command under way once its effect shows or is overdue, and learn from the effect."""
+    def complete_command(self, now_local_ns: int) -> int:
+        """End the command under way once its effect shows or is overdue, and learn from the effect.
+
+        Return the shift by a command that has ended, in ns; 0 for none.
+        """
+        shift_ns = 0
         run_settled, phase = self._run_settled, self.phase
         if self._pending is not None:
             command, issued_ns, stream = self._pending
@@ -257,14 +261,16 @@ class Aligner:
                 timeout_ns = INJECTION_TIMEOUT_NS + 2 * TIMEOUT_FRAMES * phase.period_ns
                 overdue = now_local_ns - issued_ns > timeout_ns
             if not done and not overdue:
-                return
+                return 0
             self._pending = None
             if overdue:
-                return
+                return 0
+            shift_ns = phase.last_shift_ns or 0
             self.actuator.learn(phase.last_shift_ns, phase.noise_ns, phase.last_latency_frames)
         if not self._start_learned and run_settled:
             self._start_learned = True
             self.actuator.learn_start(phase.nearest_frame_ns(self._first_frame_ns))
+        return shift_ns
 
     def estimate(self, time_map: TimeMap, grid: FrameGrid, at_leader_ns: int) -> PhaseEstimate | None:
         """Return the stream's error at an instant of leader time; None if it is unknown."""
@@ -291,13 +297,15 @@ class Aligner:
         *,
         hold: bool = False,
         burst_leader_ns: tuple[int, int] | None = None,
+        is_recording: bool = False,
         common_instant_leader_ns: int | None = None,
     ) -> CameraCommand | None:
         """Judge the stream now, and return the command to carry out at once, if one is needed.
 
         `hold=True` starts no correction that is visible in images. `burst_leader_ns` holds the first and
         last instants of a burst. Injections with a known effect bring the stream to its grid for that burst,
-        but no visible correction starts from shortly before the burst on. A stream that can only be restarted
+        but no visible correction starts from shortly before the burst on, unless it is a recording that is
+        under way (`is_recording`). A stream that can only be restarted
         is judged by its phase at `common_instant_leader_ns`, if that is in the future.
         """
         self.complete_command(now_local_ns)
@@ -307,7 +315,9 @@ class Aligner:
         if self.window.is_open(now) and burst_leader_ns is None:
             return None
         drift = self._drift(now, now_local_ns)
-        if burst_leader_ns is not None:
+        if is_recording:
+            setpoint = self.actuator.setpoint_in_recording(drift)
+        elif burst_leader_ns is not None:
             first_ns, last_ns = burst_leader_ns
             setpoint = self.actuator.setpoint_for_burst(
                 drift, begins_ns=first_ns - now.at_leader_ns, lasts_ns=last_ns - first_ns

@@ -187,6 +187,11 @@ class PhaseEstimator(FrameLine):
         return 0 if self.disturbed else len(self.run)
 
     @property
+    def run_begun_ns(self) -> int:
+        """Timestamp of the first known frame since the phase last moved, in ns of local time."""
+        return self._origin_ns + self.run[0][1]
+
+    @property
     def unmoved(self) -> bool:
         """Whether the newest frame of a disturbance is still on the old line."""
         if not self.disturbed or not self._pending:
@@ -243,7 +248,7 @@ class PhaseEstimator(FrameLine):
         step_ns, run = self.quantum_ns, self.run
         reported = StampError(0, max(step_ns, 2.0 * self.noise_ns), step_ns)
         is_comparable = not self.disturbed and self.known and len(run) >= PHASE_FRAMES
-        if not is_comparable or stamp_ns < self._origin_ns + run[0][1]:
+        if not is_comparable or stamp_ns < self.run_begun_ns:
             return reported
         off_ns, sigma_ns = stamp_ns - self.nearest_frame_ns(stamp_ns), self.sigma_at(stamp_ns)
         line_ns = self.quantum_error_ns + 2.0 * sigma_ns

@@ -22,7 +22,7 @@ HUBER = 1.345
 REMEMBERED, MIN_INTERVALS = 90, 29
 """Newest intervals that are searched for a step, 3 s at 30 fps, and the minimum for it: the first second."""
 EVERY_FRAMES = 12
-"""Number of frames between searches for the step."""
+"""Minimum number of frames between searches for the step."""
 ON_LATTICE = 0.15
 """Maximum distance from the lattice of an interval on it, as a fraction of a step."""
 JITTERS = 4.0
@@ -121,16 +121,18 @@ class StampQuantum:
     def __init__(self) -> None:
         self.ns = 0.0
         self._intervals: deque[int] = deque(maxlen=REMEMBERED)
-        self._until_due = MIN_INTERVALS
+        self._until_due, self._every = MIN_INTERVALS, EVERY_FRAMES
 
     def add(self, interval_ns: int) -> None:
         """Add an interval in ns between successive frames; search for the step again after some frames."""
         self._intervals.append(interval_ns)
         self._until_due -= 1
         if self._until_due <= 0:
-            self._until_due = EVERY_FRAMES
+            # What was found twice is looked for less often, though in all intervals.
+            self._until_due, self._every = self._every, min(2 * self._every, REMEMBERED)
             found_ns = find_quantum(self._intervals)
             if found_ns or not self.ns or not _keep_to(self.ns, _deviations(self._intervals)):
+                self._every = self._every if bool(found_ns) is bool(self.ns) else EVERY_FRAMES
                 self.ns = found_ns
 
 
@@ -338,7 +340,9 @@ class FrameLine:
         self._trim()
         if fit and (not self.known or self._since_fit >= max(REFIT_FRAMES, REFIT_FRACTION * self._frames)):
             self._fit()
-        self.update_height()
+        # The median of many frames hardly changes by one.
+        if not len(self.run) % max(1, min(len(self.run), self.phase_frames) // PHASE_FRAMES):
+            self.update_height()
 
     def split_off(self, count: int) -> None:
         """Move the newest points to a run of their own."""

@@ -9,12 +9,18 @@ shift; near it steps of a row hold the phase.
 
 from collections import deque
 from itertools import combinations
-from math import ceil, floor, sqrt
+from math import ceil, copysign, floor, sqrt
 from statistics import median
 
 from capture_app.common.camera_facts import CameraFacts
 from capture_app.sync.phase.actuators import InjectionProfile, Move, PhaseActuator
-from capture_app.sync.phase.frame_grid import Drift, Setpoint, setpoint_for_burst, setpoint_to_stay
+from capture_app.sync.phase.frame_grid import (
+    LARGEST_LEAD,
+    Drift,
+    Setpoint,
+    setpoint_for_burst,
+    setpoint_to_stay,
+)
 from capture_app.sync.phase.frame_line import SIGMA_FROM_MAD
 from capture_app.sync.wire.camera_commands import InjectFrame, SetFrameDuration
 
@@ -46,6 +52,9 @@ BURST_LEAD_FRAMES = 12
 """Frames from a command to a burst: four of latency, three long ones in the time of six, two spare."""
 BURST_SPARE_FRAMES = 4
 """Frames between the longest observed latency and a burst: two that long ones add, two spare."""
+RECORDING_NS = 120_000
+"""Phase error in a recording at which one frame is moved, so that two cameras stay within 0.3 ms with the
+error of the moves: a frame in ten seconds at 20 ppm."""
 ENOUGH_LATENCIES = 3
 """Observed latencies from which on the longest one counts instead of BURST_LEAD_FRAMES."""
 BURST_NOTICE_NS = 450_000_000
@@ -227,6 +236,14 @@ class InjectionActuator(PhaseActuator):
         return setpoint_for_burst(
             drift, lead_ns, ready_ns, scatter_ns, begins_ns=begins_ns, lasts_ns=lasts_ns
         )
+
+    def setpoint_in_recording(self, drift: Drift) -> Setpoint | None:
+        """Return the setpoint from which drift takes longest to the other end of RECORDING_NS, once there."""
+        lead_ns = max(self._latencies) * drift.period_ns
+        if not self.sure or abs(drift.error_after(lead_ns)) <= RECORDING_NS:
+            return None
+        aim_ns = copysign(LARGEST_LEAD * RECORDING_NS, -drift.rate)
+        return Setpoint(lead_ns, aim_ns, aim_ns)
 
     def command(self, move: Move) -> InjectFrame | None:
         """Return a long exposure; a shift beyond the longest exposure is done in part."""

@@ -5,7 +5,7 @@ Accepted bursts stay pending until their frames are selected, even if their lead
 
 import random
 from collections import deque
-from collections.abc import MutableSequence
+from collections.abc import Iterable, MutableSequence
 from dataclasses import dataclass, replace
 from math import hypot
 from typing import Any, Generic
@@ -27,6 +27,7 @@ from capture_app.sync.rig.events import (
     ForeignTrigger,
     FramesDropped,
     PhaseCorrected,
+    PhaseMoved,
     TriggerCancelled,
 )
 from capture_app.sync.rig.frame_selection import (
@@ -73,6 +74,8 @@ class ClientConfig:
     """Measured delays from start command to first frame of this camera, newest last."""
     clock_tolerance_ns: int | None = None
     """Requested accuracy of the clock; None for what the link can bear, at least the phase's tolerance."""
+    moves_in_recordings: bool = True
+    """Whether a recorded stream that drifts is brought back by one longer frame."""
 
     @property
     def phase_tolerance_ns(self) -> int:
@@ -248,11 +251,12 @@ class Client(TimeClient, Generic[F]):
             case _:
                 pass
 
-    def frame_arrived(self, stamp: FrameStamp, frame: F, now_ns: int, size_bytes: int = 0) -> None:
-        """Store the next frame of the stream, which takes `size_bytes` of memory, and select what is due."""
-        self.ring.add(stamp.timestamp_ns, frame, size_bytes)
-        if dropped := self.aligner.add_frame(stamp):
-            self._events.append(FramesDropped(dropped, stamp.sequence))
+    def frames_arrived(self, frames: Iterable[tuple[FrameStamp, F, int]], now_ns: int) -> None:
+        """Store the next frames of the stream, each with its bytes of memory, and select what is due."""
+        for stamp, frame, size_bytes in frames:
+            self.ring.add(stamp.timestamp_ns, frame, size_bytes)
+            if dropped := self.aligner.add_frame(stamp):
+                self._events.append(FramesDropped(dropped, stamp.sequence))
         self._finish_bursts(now_ns)
         self._align(now_ns)
 
@@ -344,7 +348,8 @@ class Client(TimeClient, Generic[F]):
             return
         was_aligned, corrections = self._is_aligned, aligner.corrections
         before = aligner.estimate(time_map, grid.grid_of_stamps, time_map.leader_from_local(now_ns))
-        aligner.complete_command(now_ns)
+        if (shift_ns := aligner.complete_command(now_ns)) and self.has_burst_pending:
+            self._events.append(PhaseMoved(aligner.phase.run_begun_ns, shift_ns))
         if not aligner.settled:
             self._reported = self._answered = False
         is_news = aligner.settled and not self._reported
@@ -356,6 +361,7 @@ class Client(TimeClient, Generic[F]):
             burst_leader_ns=self._bursts.first_before(
                 time_map.leader_from_local(now_ns + HOLD_BEFORE_BURST_NS)
             ),
+            is_recording=self.config.moves_in_recordings and self._bursts.is_recording(grid.rig_grid),
             common_instant_leader_ns=grid.common_instant_leader_ns,
         )
         if command is not None:

@@ -55,6 +55,16 @@ class PhaseCorrected:
 
 
 @dataclass(frozen=True, slots=True)
+class PhaseMoved:
+    """A stream was moved while frames of it were selected; times in ns of the local clock."""
+
+    local_ns: int
+    """Timestamp of the first frame after the move; one to three frames before it lasted longer."""
+    shift_ns: int
+    """Delay of all frames from then on."""
+
+
+@dataclass(frozen=True, slots=True)
 class AlignmentFailed:
     """The stream cannot be held on the rig's grid."""
 
@@ -87,6 +97,7 @@ ClientEvent = (
     | ClockEvent
     | FramesDropped
     | PhaseCorrected
+    | PhaseMoved
     | AlignmentFailed
     | FramesSelected[F]
     | TriggerCancelled

@@ -21,12 +21,16 @@ F = TypeVar("F")
 RING_NS, RING_BYTES = 3_000_000_000, 256_000_000
 """Length of a ring buffer, which covers a trigger's delay and TIMEOUT_PERIODS at 30 fps, and its maximum
 size: half of a Raspberry Pi's smallest memory."""
+SAME_GRID_NS = 10_000
+"""Maximum phase of a burst's instants on the grid that they are taken from."""
 MAX_FRAMES, MAX_BURST_NS = 1000, 600_000_000_000
 """Maximum frames of a burst that is reported after its last frame, and maximum time from first to last."""
 MAX_STREAMED_FRAMES, MAX_STREAMED_NS = 100_000_000, 31 * 86_400_000_000_000
 """Maximum frames of a burst that is streamed, and its maximum duration."""
 DROPPED = "the camera dropped the frame"
 """Reason of a gap when the frames before and after it arrived."""
+MOVED, LONG_FRAMES = "a longer frame took its time, which keeps the camera in phase", 3
+"""Reason of a gap at a move of the phase, and the frames that a move may lengthen."""
 NOT_STARTED = "its node was not running yet"
 """Reason of a gap before the first frame that a node has had."""
 LEFT_RING = "it had left the ring buffer"
@@ -268,6 +272,10 @@ class CameraGrid:
             alignment_offset_ns=self.offset_ns,
         )
 
+    def _is_near_move(self, stamp_ns: int) -> bool:
+        near_ns = LONG_FRAMES * self.rig_grid.period_ns
+        return self.stream is not None and abs(self.stream.run_begun_ns - stamp_ns) <= near_ns
+
     def select(
         self, ring: RingBuffer[F], time_map: TimeMap, instant: int, at_ns: int
     ) -> SelectedFrame[F] | Gap:
@@ -279,7 +287,7 @@ class CameraGrid:
         pick = self.pick(time_map, frame, stamp_ns, instant, at_ns)
         if not is_same_instant(pick.residual_ns, self.rig_grid.period_ns):
             if stamp_ns != ring.oldest_local_ns or stamp_ns < target_ns:
-                return Gap(instant, DROPPED)
+                return Gap(instant, MOVED if self._is_near_move(target_ns) else DROPPED)
             first_ns = ring.first_local_ns
             return Gap(instant, NOT_STARTED if first_ns is not None and target_ns < first_ns else LEFT_RING)
         return pick
@@ -361,6 +369,16 @@ class FrameSelection(Generic[F]):
     def __bool__(self) -> bool:
         """Whether frames of any burst are still to be selected."""
         return bool(self._pending)
+
+    def is_recording(self, grid: FrameGrid) -> bool:
+        """Whether streamed bursts alone are pending, have begun, and have their instants on this grid."""
+        pending = self._pending.values()
+        return bool(self) and all(
+            burst.trigger.streamed
+            and burst.over
+            and abs(grid.phase_error(burst.instant_ns(burst.over))) < SAME_GRID_NS
+            for burst in pending
+        )
 
     def keep_ordered(self) -> list[FramesSelected[F]]:
         """Keep only the streamed bursts with an ordered end; return the ends of the other streamed ones."""

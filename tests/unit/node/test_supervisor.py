@@ -3,7 +3,7 @@
 import asyncio
 import contextlib
 import errno
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Iterable
 from typing import Any, cast
 
 import pytest
@@ -38,6 +38,7 @@ class Bench:
         self.next_facts = FACTS
         self.clock = StoppedClock()
         self.stamps: list[FrameStamp] = []
+        self.batches: list[list[FrameStamp]] = []
         self.starts_ns: list[int] = []
         self.failures: list[str] = []
         self.wanted: list[CameraCommand] = []
@@ -65,10 +66,9 @@ class Bench:
 
     has_burst_pending = False
 
-    def frame_arrived(
-        self, stamp: FrameStamp, frame: CapturedFrame, now_ns: int, size_bytes: int = 0
-    ) -> None:
-        self.stamps.append(stamp)
+    def frames_arrived(self, frames: Iterable[tuple[FrameStamp, CapturedFrame, int]], now_ns: int) -> None:
+        self.batches.append([stamp for stamp, _, _ in frames])
+        self.stamps += self.batches[-1]
 
     def stream_started(self, now_ns: int) -> None:
         self.starts_ns.append(now_ns)
@@ -111,6 +111,8 @@ async def test_a_camera_opened_again_goes_on_counting_streams(bench: Bench) -> N
     second = await bench.next_camera()
     await started(second)
     second.on_frame(frame(1))
+    await asyncio.sleep(0)
+    assert [len(batch) for batch in bench.batches] == [3, 1], "what arrives together is passed on together"
     streams = [stamp.stream for stamp in bench.stamps]
     assert streams == sorted(set(streams))
     assert len(streams) == 4

@@ -21,8 +21,6 @@ from capture_app.session.reading.reader import Session
 
 KIND = "replay"
 TYPICAL_FPS = 30.0
-AHEAD = 8
-"""Frames of a session that are read at once, as each change of thread costs more than reading one."""
 SPARSE = 1.5
 """Instants further apart than this many periods are a selection from the camera's stream."""
 SAME_PERIOD = 0.01
@@ -105,10 +103,6 @@ class Recording(ABC):
     def picture(self, index: int) -> JpegPicture | None:
         """Return the image of a frame, None if it is broken. May block; raises OSError, BadInputError."""
 
-    def pictures(self, index: int) -> dict[int, JpegPicture | None]:
-        """Return the images of a frame and of those read ahead with it, by index; see `picture`."""
-        return {index: self.picture(index)}
-
     def record(self, index: int) -> ImageRecord | None:
         """Return a frame's metadata, such as its exposure; None if there are none."""
         return None
@@ -162,10 +156,6 @@ class SessionRecording(Recording):
     def picture(self, index: int) -> JpegPicture | None:
         """Return the image of a frame; see `Recording.picture`."""
         return _jpeg(self._session.image_bytes(self._images[index]))
-
-    def pictures(self, index: int) -> dict[int, JpegPicture | None]:
-        """Return the images of AHEAD frames; see `Recording.pictures`."""
-        return {n: self.picture(n) for n in range(index, min(index + AHEAD, len(self._images)))}
 
     def record(self, index: int) -> ImageRecord:
         """Return the frame's record; see `Recording.record`."""

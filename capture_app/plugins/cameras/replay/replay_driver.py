@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from msgspec.structs import replace
 
 from capture_app.cameras.base import Camera, OnFailure, OnFrame
-from capture_app.cameras.frames import CapturedFrame, JpegPicture
+from capture_app.cameras.frames import CapturedFrame
 from capture_app.cameras.specs import read_number
 from capture_app.common.camera_facts import CameraListing, PhaseControl
 from capture_app.common.clock import NodeClock
@@ -140,7 +140,6 @@ class ReplayCamera(Camera):
     async def _play(self) -> None:
         loop, recording = asyncio.get_running_loop(), self._recording
         readout_ns = (self.facts.row_time_ns or 0) * (self.facts.height - 1)
-        pictures: dict[int, JpegPicture | None] = {}
         while True:
             index, sequence, stream, start_ns = self._playback.next_frame()
             record = recording.record(index)
@@ -150,9 +149,7 @@ class ReplayCamera(Camera):
                 await asyncio.sleep(0)
                 continue
             try:
-                if index not in pictures:
-                    pictures = await loop.run_in_executor(None, recording.pictures, index)
-                picture = pictures.pop(index)
+                picture = await loop.run_in_executor(None, recording.picture, index)
             except Exception as error:  # noqa: BLE001 - decoders raise any, and the stream would just end
                 self._on_failure(
                     CameraError(

@@ -28,6 +28,7 @@ from capture_app.cameras.base import (
     buffer_count,
     wait_for_start,
 )
+from capture_app.cameras.frame_reader import FrameReader
 from capture_app.cameras.frames import CapturedFrame, PixelFormat, picture_from_buffer
 from capture_app.common.camera_facts import (
     KELVIN,
@@ -145,7 +146,7 @@ class V4L2Camera(ThreadedCamera):
         self._command_lock = asyncio.Lock()
         self._streaming = False
         self._stream = 0
-        wanted = buffer_count(layout.buffer_bytes, period_ns, max_count=24, max_bytes=64 << 20)
+        wanted = buffer_count(layout.buffer_bytes, period_ns, max_count=32, max_bytes=128 << 20)
         buffers = [device.query_buffer(index) for index in range(device.request_buffers(wanted))]
         self._memory: list[mmap.mmap] = [device.map(buffer) for buffer in buffers]
         limits, flags = device.control_range("EXPOSURE_ABSOLUTE"), buffers[0].flags
@@ -198,7 +199,7 @@ class V4L2Camera(ThreadedCamera):
         async with self._command_lock:
             if not self._streaming:
                 raise CameraError(f"{self._device.path} does not stream")
-            asyncio.get_running_loop().remove_reader(self._device.fd)
+            self._reader.stop()
             try:
                 await self._in_worker(self._begin_stream, asked_ns + command.delay_ns)
             except OSError as error:
@@ -211,10 +212,10 @@ class V4L2Camera(ThreadedCamera):
         await self._in_worker(self._release)
 
     def _end_stream(self) -> bool:
-        """Listen no more; return whether it had listened."""
+        """Read no more; return whether it had read."""
         if was_streaming := self._streaming:
             self._streaming = False
-            asyncio.get_running_loop().remove_reader(self._device.fd)
+            self._reader.stop()
         return was_streaming
 
     async def controls(self) -> tuple[ControlState, ...]:
@@ -245,6 +246,8 @@ class V4L2Camera(ThreadedCamera):
         self._facts = structs.replace(facts, stamp=late) if self._is_uvc else facts
 
     def _release(self) -> None:
+        if self._stream:
+            self._reader.join()
         with suppress(OSError):
             self._device.stream_off()
         for memory in self._memory:
@@ -264,6 +267,7 @@ class V4L2Camera(ThreadedCamera):
         It is one call, so that a concurrent stop releases the device after all steps, not between them.
         """
         if start_ns is not None:
+            self._reader.join()
             self._device.stream_off()
         self._exposure_ns, self._gain = read_exposure(self._device)
         for index in range(len(self._memory)):
@@ -276,25 +280,27 @@ class V4L2Camera(ThreadedCamera):
     def _listen(self) -> None:
         self._stream += 1
         self._clock_checked = False
-        asyncio.get_running_loop().add_reader(self._device.fd, self._drain)
+        self._reader = FrameReader(
+            self._filled,
+            self._take,
+            lambda error: self._fail(driver_error(self._device.path, error)),
+            period_ns=self.facts.period_ns,
+            buffers=len(self._memory),
+        )
 
-    def _drain(self) -> None:
-        """Take filled buffers from the driver, at most as many as there are."""
+    def _filled(self) -> Iterator[tuple[v4l2.Buffer, bytes]]:
+        """Yield what is in the driver's filled buffers, at most as many as there are. Raises OSError."""
         for _ in self._memory:
             try:
                 buffer = self._device.dequeue()
-                data = self._memory[buffer.index][: buffer.bytes_used]
-                self._device.queue(buffer.index)
             except BlockingIOError:
                 return
-            except OSError as error:
-                self._fail(driver_error(self._device.path, error))
-                return
-            self._take(buffer, data)
-            if not self._streaming:
-                return
+            data = self._memory[buffer.index][: buffer.bytes_used]
+            self._device.queue(buffer.index)
+            yield buffer, data
 
-    def _take(self, buffer: v4l2.Buffer, data: bytes) -> None:
+    def _take(self, filled: tuple[v4l2.Buffer, bytes]) -> None:
+        buffer, data = filled
         picture = None if buffer.flags & v4l2.BUF_FLAG_ERROR else picture_from_buffer(data, self._layout)
         if picture is None:
             # Its sequence number is missing from the stream, as with any dropped frame.

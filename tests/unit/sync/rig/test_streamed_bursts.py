@@ -7,7 +7,8 @@ import pytest
 from benchmarks.simulated.virtual_rig import NodeSpec, VirtualRig
 from capture_app.common.clock import SimulatedClock
 from capture_app.plugins.cameras.sim.profiles import PROFILES
-from capture_app.sync.rig.frame_selection import DROPPED, MAX_STREAMED_NS, FramesSelected
+from capture_app.sync.rig.events import PhaseMoved
+from capture_app.sync.rig.frame_selection import DROPPED, MAX_STREAMED_NS, MOVED, Burst, FramesSelected
 from tests.unit.sync.rig.rigs import LAN, MS, S, ready_rig
 
 FRAMES = 300
@@ -38,6 +39,52 @@ def test_every_frame_of_a_long_burst_is_reported_as_it_arrives() -> None:
         events = [event for event in node.events if isinstance(event, FramesSelected)]
         assert max(len(event.frames) for event in events) <= 2
         assert len(node.client.ring) <= 61
+
+
+def recording_of_drifters(*, moves: bool) -> tuple[VirtualRig, Burst]:
+    """Record 12 s with two cameras that drift by some 100 us a second against each other."""
+    profile = replace(PROFILES["perfect"], period_error_ppm=80.0)
+    rig = ready_rig([NodeSpec(f"cam{n}", profile, SimulatedClock(n * S), LAN) for n in range(2)], seed=3)
+    for node in rig.nodes.values():
+        node.client.config = replace(node.client.config, moves_in_recordings=moves)
+    burst = rig.trigger(frames=360, streamed=True)
+    assert rig.run_until(lambda: ended(rig, burst.number), limit_ns=20 * S)
+    return rig, burst
+
+
+def test_drift_within_a_recording_is_taken_back_by_single_frames() -> None:
+    rig, burst = recording_of_drifters(moves=True)
+    moved: set[int] = set()
+    errors_ns: dict[int, list[int]] = {}
+    for node in rig.nodes.values():
+        picked = node.bursts[burst.number]
+        moves = [event for event in node.events if isinstance(event, PhaseMoved)]
+        assert 1 <= len(moves) <= 12
+        for move in moves:
+            at_ns = node.spec.clock.true_from_local(move.local_ns)
+            last = round((at_ns - burst.instants_ns[0]) / burst.step_ns)
+            moved |= {*range(last - 3, last + 1)}
+        assert {gap.reason for gap in picked.gaps} <= {MOVED}
+        assert {gap.instant for gap in picked.gaps} <= moved
+        for pick in picked.frames:
+            error_ns = pick.frame.start_true_ns - burst.instants_ns[pick.instant]
+            errors_ns.setdefault(pick.instant, []).append(error_ns)
+            assert abs(pick.residual_ns - error_ns) < 100_000, "a moved frame's time is known, too"
+    whole = {instant: of for instant, of in errors_ns.items() if len(of) == 2 and instant not in moved}
+    assert len(whole) > 300
+    assert max(abs(a - b) for a, b in whole.values()) < 300_000
+
+
+def test_a_camera_may_be_let_drift() -> None:
+    rig, burst = recording_of_drifters(moves=False)
+    ends_ns = []
+    for node in rig.nodes.values():
+        picked = node.bursts[burst.number]
+        moves = [event.local_ns for event in node.events if isinstance(event, PhaseMoved)]
+        assert all(node.spec.clock.true_from_local(ns) < burst.instants_ns[0] for ns in moves)
+        assert not picked.gaps
+        ends_ns.append(picked.frames[-1].frame.start_true_ns)
+    assert abs(ends_ns[0] - ends_ns[1]) > 400_000
 
 
 def test_dropped_frames_are_reported_with_the_rest() -> None:

@@ -58,7 +58,9 @@ class Camera:
         if self._next_ns is None:
             self._next_ns = now_ns
         while now_ns >= self._next_ns:
-            self.client.frame_arrived(FrameStamp(self._frames, 0, self._next_ns), self._next_ns, now_ns)
+            self.client.frames_arrived(
+                [(FrameStamp(self._frames, 0, self._next_ns), self._next_ns, 0)], now_ns
+            )
             self._frames += 1
             self._next_ns += PERIOD_NS
         self.failover.handle_timer(now_ns)

@@ -7,7 +7,6 @@ import threading
 import numpy as np
 from numpy.typing import NDArray
 
-from capture_app.cameras.frames import lower_priority
 from capture_app.common.errors import BadInputError
 from capture_app.plugins.cameras.sim.rendering.layers import (
     SUBPIXELS,
@@ -73,7 +72,7 @@ class Scene:
         """Render the static parts of a view in the background, once, so that its first image comes sooner."""
         if view not in self._preparing:
             self._preparing.add(view)
-            threading.Thread(target=self._prepare, args=(self.views[view],), daemon=True).start()
+            threading.Thread(target=self._layers, args=(self.views[view],), daemon=True).start()
 
     def render(
         self, view: str, start_ns: int, exposure_ns: int, row_time_ns: int, *, seed: int
@@ -135,10 +134,6 @@ class Scene:
             name: look_at(name, place, target, scale=scale)
             for name, (place, target) in self._definition.cameras.items()
         }
-
-    def _prepare(self, view: View) -> None:
-        lower_priority()
-        self._layers(view)
 
     def _layers(self, view: View) -> tuple[list[StillLayer], Floats]:
         """Return the layers of a view, and their light together."""

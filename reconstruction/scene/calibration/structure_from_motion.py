@@ -37,7 +37,9 @@ MIN_TO_SEPARATE_LENSES = 3
 """Minimum cameras that determine focal lengths; with two whose axes meet, any focal length fits."""
 GUESS = "a guess from these pictures alone"
 """Text in the source of a calibration that rests on images alone."""
-UNCONFIRMED = "focal lengths perhaps far off"
+MAX_LENS_ERROR = 0.02
+"""Maximum relative 95 % error of focal lengths by which depth is judged, which is right within 2 %."""
+UNCONFIRMED = "focal lengths not known well enough"
 """Text in the source of a calibration whose focal lengths the images do not determine, given or not."""
 GIVE_LENSES = "or give the cameras' horizontal view: reconstruct calibrate SESSION --field-of-view DEG"
 """Hint where no lens was known."""
@@ -222,7 +224,9 @@ def _lens_errors_text(errors: Sequence[float], *, held: bool, flat: bool) -> str
     """Describe the uncertainty of the focal lengths; a bar if the points determine them."""
     if errors:
         least, most = (100 * error for error in (min(errors), max(errors)))
-        return f", focal lengths off by up to {least:.1f} to {most:.1f} % (95 %)"
+        percent = f"off by up to {least:.1f} to {most:.1f} % (95 %)"
+        sure = max(errors) <= MAX_LENS_ERROR
+        return f", focal lengths {percent}" if sure else f", {UNCONFIRMED}: {percent}"
     if held:
         return f", {UNCONFIRMED}: these pictures do not confirm the field of view that was given"
     return f", {UNCONFIRMED}: {'these points lie in one plane, or far away' if flat else 'too few points'}"

@@ -369,8 +369,8 @@ FAULTS: dict[str, Fault] = {
     "second-upload": Fault(
         "a restarted camera's recording becomes a second upload in one spool folder",
         "capture_app/node/camera/uploader.py",
-        "            burst.continue_from(left)\n",
-        "            continue\n",
+        "                burst.continue_from(left)\n",
+        "                continue\n",
         _restarts_all_slow,
     ),
     "here-is-missing": Fault(

@@ -434,18 +434,22 @@ class Uploader:
         self._changed.set()
 
     async def _encode_all(self) -> None:
-        """Encode pending frames, burst by burst, and move each to its burst's images."""
+        """Encode pending frames, and move each to its burst's images.
+
+        Streamed bursts take turns; of the others, those of the first are encoded before those of the next.
+        """
         while True:
             self._to_encode.clear()
-            burst = next((burst for burst in self._bursts if burst.frames), None)
-            if burst is None:
-                await self._store_ends()
+            await self._store_ends()
+            waiting = [burst for burst in self._bursts if burst.frames]
+            still = [burst for burst in waiting if not burst.streamed][:1]
+            for burst in (*(burst for burst in waiting if burst.streamed), *still):
+                # The thread cannot be cancelled: what it has begun is completed by `aclose`.
+                self._encoding = asyncio.create_task(self._encode_next(burst))
+                await asyncio.shield(self._encoding)
+            if not waiting:
                 await self._to_encode.wait()
-                continue
-            # The thread cannot be cancelled: what it has begun is completed by `aclose`.
-            self._encoding = asyncio.create_task(self._encode_next(burst))
-            await asyncio.shield(self._encoding)
-            if burst.streamed:
+            elif not still:
                 await asyncio.sleep(ENCODE_EVERY_S)
 
     async def _encode_next(self, burst: Upload) -> None:
@@ -503,7 +507,7 @@ class Uploader:
     async def _store_ends(self) -> None:
         """Store the final reports of ended bursts in the spool."""
         for burst in [*self._bursts]:
-            if burst.ended and not burst.end_is_stored:
+            if burst.ended and not (burst.frames or burst.end_is_stored):
                 burst.end_is_stored = burst.spooled is not None
                 await _write_report(burst, burst.current_report())
 

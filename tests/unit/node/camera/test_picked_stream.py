@@ -1,5 +1,6 @@
 """Frames that are sent as they are picked: in bounded memory, beside other bursts, counted to the last."""
 
+import asyncio
 from collections import deque
 from pathlib import Path
 
@@ -22,7 +23,7 @@ from capture_app.protocol.messages import (
 from capture_app.session.format.burst_plan import MissingRun
 from capture_app.sync.rig.frame_selection import Burst
 from tests.unit.net.echoes import received_from
-from tests.unit.node.camera.uploading import Picture, burst_upload, further, uploading
+from tests.unit.node.camera.uploading import Picture, burst_upload, further, images, uploading
 from tests.waiting import until
 
 pytestmark = pytest.mark.virtual
@@ -112,6 +113,26 @@ async def test_frames_are_sent_as_they_come_and_the_end_is_told(tmp_path: Path) 
         await until(lambda: not list((tmp_path / "a").iterdir()))
     assert reports[-1].plan.missing_runs[0].first == 3
     assert sorted(sent) == [(1, 0), (1, 1), (1, 2), (2, 0)]
+
+
+async def test_a_recording_does_not_wait_for_another_one_that_goes_on(tmp_path: Path) -> None:
+    """Frames of the later one stayed in memory, and died with the node, until the earlier one ended."""
+    sent: list[int] = []
+
+    async def serve(channel: Channel[ToLeader]) -> None:
+        async for image, _ in images(channel):
+            sent.append(image.burst)
+
+    async with uploading(serve, [], Spool(tmp_path, "a")) as uploader:
+        frames = burst_upload(*(Picture(b"%d" % n) for n in range(100))).frames
+        uploader.add_burst(streamed(1))
+        later = streamed(2, Picture(b"zero"))
+        uploader.add_burst(later)
+        for number in range(100):
+            uploader.extend_burst(further(frames[number], over=number + 1))
+            await asyncio.sleep(0.03)
+        assert sent.count(2) == 1
+        assert sent.count(1) > 90
 
 
 async def test_a_node_that_is_started_again_offers_what_the_spool_has(tmp_path: Path) -> None:

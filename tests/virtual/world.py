@@ -32,7 +32,7 @@ TIMER_SLACK, TIMER_SLACK_S = 1e-4, 1e-6
 """What a timer is late by: a fraction of its delay, above the skew of any machine's clock, and some more. One
 that is early by that clock finds nothing due, and is set again."""
 FREEZE_STEPS = 5_000
-"""Steps of the loop at one moment of virtual time after which it counts as stuck; the most in 5 seeds were 112."""
+"""Steps of the loop at one moment of virtual time after which it counts as stuck; five evenings had 112."""
 STOP_S = 20.0
 """Time within which a process ends that is stopped."""
 

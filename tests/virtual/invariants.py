@@ -352,7 +352,9 @@ def _excused(rig: VirtualRig, of: OrderedBurst, camera: str) -> list[tuple[float
         from_ns = span.from_ns - LOST_S.get(span.kind, 0) * 1e9
         if span.kind in ENDS:
             on_disk = (of.from_ns for of in own if of.kind.startswith("disk-") and of.from_ns <= span.from_ns)
-            excused.append((min([from_ns, *on_disk]), asked_again(span.until_ns)))
+            # What was on its way to a disk that fails stays in memory as well.
+            lost_ns = [disk_ns - LOST_S["kill"] * 1e9 for disk_ns in on_disk]
+            excused.append((min([from_ns, *lost_ns]), asked_again(span.until_ns)))
         elif span.kind == "freeze":
             excused.append((from_ns, span.until_ns + AFTER_S * 1e9))
     return excused

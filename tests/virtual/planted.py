@@ -195,7 +195,7 @@ FAULTS: dict[str, Fault] = {
     "early": Fault(
         "a frame is looked for before it can have arrived",
         "capture_app/sync/rig/frame_selection.py",
-        "newest_ns > target_ns + period_ns // 2",
+        "newest_ns > target_ns + after_ns",
         "newest_ns > target_ns - 3 * period_ns",
     ),
     "trigger-once": Fault(

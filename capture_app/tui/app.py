@@ -297,7 +297,7 @@ class SimulshotApp(App[None]):
                     yield SystemCommand(
                         f"{one.description}: {one.tooltip}" if one.tooltip else one.description,
                         f"in {MODES[mode]}, key {one.key_display or key}",
-                        partial(self._run_in_mode, mode, one.action),
+                        partial(self.action_run_in_mode, mode, one.action),
                     )
         yield SystemCommand(
             "Exposure, gain, white balance, focus",
@@ -312,7 +312,7 @@ class SimulshotApp(App[None]):
         if isinstance(self.screen, CameraScreen):
             self.screen.action_leave()
 
-    async def _run_in_mode(self, mode: str, action: str) -> None:
+    async def action_run_in_mode(self, mode: str, action: str) -> None:
         """Switch to a mode and run an action of its view there."""
         await self.action_switch_mode(mode)
         await self.run_action(action, self._views[mode])

@@ -26,7 +26,7 @@ from capture_app.rig.rig_link import LinkLost, RigLink
 from capture_app.tui.mode import ModeView
 from capture_app.tui.question import Answer, Question, TextQuestion
 from capture_app.tui.rig.camera_list import CameraList
-from capture_app.tui.rig.guide_screens import GUIDES, Guide, GuideScreen
+from capture_app.tui.rig.guide_screens import GUIDES, Guide, GuideScreen, show_coverage
 from capture_app.tui.rig.start import StartPanel
 from capture_app.tui.rig_record import RecordChanged, RigRecord, showing_errors
 from capture_app.tui.screen_settings import Settings
@@ -80,6 +80,14 @@ class RigView(ModeView):
         Binding("h", "phones", "Phones", id="rig.phones", tooltip="phones as cameras, by a QR code"),
         Binding("g", "monitor", "Monitor", id="rig.monitor", tooltip="cameras and button on a phone"),
         Binding("i", "invite", "Invite", show=False, id="rig.invite", tooltip="a code for another machine"),
+        Binding(
+            "c",
+            "coverage",
+            "Board coverage",
+            show=False,
+            id="rig.coverage",
+            tooltip="views of a calibration board that are missing, live",
+        ),
         Binding("escape", "back", "Back", id="rig.back"),
     ]
 
@@ -291,6 +299,11 @@ class RigView(ModeView):
     def action_monitor(self) -> None:
         """Show how a phone or tablet becomes a monitor."""
         self._show_guide("monitor")
+
+    def action_coverage(self) -> None:
+        """Show live which views of a calibration board are missing."""
+        guide = partial(show_coverage, self._source, self._record.status)
+        self.app.push_screen(GuideScreen("coverage", "Calibration board", 60, guide))
 
     def _show_guide(self, name: str) -> None:
         with showing_errors(self):

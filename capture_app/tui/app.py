@@ -84,8 +84,8 @@ def quit_question(
     if jobs:
         more = f" and {count(len(jobs) - NAMED_JOBS, 'more job')}" if len(jobs) > NAMED_JOBS else ""
         lines.append(
-            f"{', '.join(jobs[:NAMED_JOBS])}{more} {'ends' if len(jobs) == 1 else 'end'} with the screen "
-            "and saves no result."
+            f"{', '.join(jobs[:NAMED_JOBS])}{more} {'ends' if len(jobs) == 1 else 'end'} with the screen, "
+            "without a result."
         )
     if not lines:
         return None

@@ -81,7 +81,7 @@ class RigView(ModeView):
         Binding("g", "monitor", "Monitor", id="rig.monitor", tooltip="cameras and button on a phone"),
         Binding("i", "invite", "Invite", show=False, id="rig.invite", tooltip="a code for another machine"),
         Binding(
-            "c",
+            "K",
             "coverage",
             "Board coverage",
             show=False,

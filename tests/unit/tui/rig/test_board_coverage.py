@@ -12,7 +12,7 @@ async def test_each_new_view_of_the_board_is_counted_at_once() -> None:
     app = make_app(rig)
     async with app.run_test(size=(80, 24)) as pilot:
         await settle(pilot)
-        await pilot.press("c")
+        await pilot.press("K")
         await until(pilot, lambda: "cam01        0 views" in text(app, "#coverage-words"))
         assert max(map(len, lines(app, "#coverage-words"))) <= 74
         board = cv2.copyMakeBorder(

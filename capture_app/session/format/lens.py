@@ -83,12 +83,12 @@ class Lens:
         end = np.arctan(self.limit[0]) if self.is_fisheye else min(1.0, self.limit[0])
         while np.isinf(self.limit[0]) and self._bend(end) < 2 * radius.max():
             end *= 2
-        table, shift = np.linspace(0.0, end, 500), np.zeros_like(flat)
+        table, shift = np.linspace(0.0, end, 2000), np.zeros_like(flat)
         for _ in range(_TANGENTIAL_STEPS if self._tangential(flat).any() else 1):
             bent = flat - shift
             radius = np.hypot(bent[:, 0], bent[:, 1]).clip(_TINY)
             at = np.interp(radius, self._bend(table), table)
-            for _ in range(2):
+            for _ in range(4):
                 at = at - (self._bend(at) - radius) / np.polyval(self._slopes, at * at)
             rays = bent * ((np.tan(at) if self.is_fisheye else at) / radius)[:, None]
             shift = self._tangential(rays)

@@ -10,7 +10,6 @@ from textual.widgets import Input, OptionList, Static
 from capture_app.tui.jobs.run import COMMANDS, STUDIES
 from capture_app.tui.library import sessions_view
 from tests.unit.tui.driving import settle, until
-from tests.unit.tui.driving import text as words
 from tests.unit.tui.library.screen import choose, library, text, type_text
 
 NO_PATHS = ("~nobody-of-this-name/films", "x" * 300)
@@ -91,15 +90,3 @@ async def test_an_analysis_asks_what_matters_and_opens_its_page(
         await until(pilot, lambda: opened)
         (job,) = jobs(pilot)
         assert opened == [job.out / "walk.html"]
-
-
-async def test_calibrating_from_a_board_begins_with_what_the_cameras_have_not_seen(sessions: Path) -> None:
-    async with library(sessions) as pilot:
-        await choose(pilot, "one")
-        await pilot.press("A", *["down"] * [study.name for study in STUDIES].index("calibrate"), "enter")
-        await settle(pilot)
-        offered = [str(option.prompt) for option in pilot.app.screen.query_one(OptionList).options]
-        place = next(number for number, prompt in enumerate(offered) if "live" in prompt)
-        await pilot.press(*["down"] * place, "enter")
-        await until(pilot, lambda: pilot.app.screen.id == "coverage-guide")
-        await until(pilot, lambda: "has not seen the board yet" in words(pilot.app, "#coverage-words"))

@@ -3,6 +3,7 @@
 import asyncio
 from collections.abc import AsyncGenerator
 
+from capture_app.board.boards import DEFAULT_BOARD
 from capture_app.board.coverage import BoardCoverage, CoverageCount, PreviewCount
 from capture_app.board.detector import Board
 from capture_app.common.errors import IncompleteError
@@ -15,7 +16,7 @@ PREVIEW_PX = 1280
 
 
 async def watch_coverage(
-    link: RigLink, rig: RigStatus, board: Board
+    link: RigLink, rig: RigStatus, board: Board = DEFAULT_BOARD
 ) -> AsyncGenerator[BoardCoverage | LinkLost, None]:
     """Yield the coverage at first and after each change, until it is complete; and each loss of the link.
 

@@ -16,7 +16,6 @@ from textual.containers import Horizontal
 from textual.content import Content
 from textual.renderables.digits import DIGITS, DIGITS3X3
 
-from capture_app.board.boards import DEFAULT_BOARD
 from capture_app.common.address import LOOPBACK_HOSTS, parse_address
 from capture_app.common.errors import IncompleteError, SimulshotError
 from capture_app.common.pairing_codes import show_code
@@ -194,7 +193,7 @@ async def show_coverage(source: RigLink, rig: RigStatus | None, screen: GuideScr
     try:
         if rig is None:
             raise IncompleteError(f"{source.leader} has not answered yet", hint="start a rig, and try again")
-        async with aclosing(watch_coverage(source.another(), rig, DEFAULT_BOARD)) as changes:
+        async with aclosing(watch_coverage(source.another(), rig)) as changes:
             async for found in changes:
                 if not isinstance(found, LinkLost):
                     rows = [

@@ -4,7 +4,7 @@
 # make test   the unit tests, in about 4 minutes        make check   lint, types, architecture          make format
 # make test KIND=core   the unit tests without those of cameras, programs, companions and methods
 # make test KIND=system   rigs of processes, browsers, whole comparisons, pages that newcomers read (20 minutes)
-# make test KIND=nightly   all pages, all seeds, crafted files, writers killed at every step (hours)
+# make test KIND=nightly   all pages, all seeds, crafted files, writers killed at every step (hours; PART=3/12: a twelfth of them)
 # make test KIND=phones   the page of phones in real browsers
 # make test KIND=docs   every command line of README and docs, run beside a simulated rig (some minutes)
 # make test KIND=v4l2   the rig on real camera drivers in a virtual machine (slow)
@@ -39,6 +39,7 @@
 # make bench NAME=people   joints of a drawn figure whose cameras are in step, late, staggered or of unequal rates (8 min; BENCH="--cameras 4")
 # make bench NAME=people-film BENCH=SESSION   joints of a real film of which one camera is reduced to every other frame (a minute)
 # make bench NAME=verdicts   what is said of takes whose lateness is known: certified, denied, not told, error bars (30 min; BENCH="--fast --part 2")
+# make bench NAME=periodic   recordings of a motion that repeats, begun at other times: who is aligned a period off (15 min; BENCH="--count 8")
 # make bench NAME=time-words   what reconstruct time says of forty takes of which single images are off, beside the truth (5 min)
 # make bench NAME=seeds   ten thousand rigs in virtual time, each with the faults and orders of its seed (hours; BENCH=0-299)
 # make bench NAME=flips   flip forty operators of depth, multiview and calibration, and list those that no quick test notices (an hour; BENCH="FOLDER --tests tests/unit/FOLDER")
@@ -112,7 +113,7 @@ CROWD := -n $(WORKERS) --dist worksteal
 TEST_unit := $(CROWD) tests/unit
 TEST_core := $(CROWD) $(addprefix --ignore tests/unit/,plugins companions reconstruction/methods) tests/unit
 TEST_system := $(CROWD) tests/system
-TEST_nightly := $(CROWD) --ignore tests/nightly/drivers tests/nightly
+TEST_nightly := $(CROWD) --ignore tests/nightly/drivers tests/nightly $(if $(PART),--part $(PART))
 TEST_docs := -n auto $(wildcard tests/*/documentation)
 TEST_phones := $(wildcard tests/*/companions/phones) tests/system/end_to_end/test_phones.py
 TEST_v4l2 := $(wildcard tests/nightly/drivers/test_v4l2_*.py)
@@ -132,9 +133,6 @@ $(VENV)/.installed-readers: tests/readers.txt $(VENV)/.installed-dev
 	rm -rf $(VENV)/lib/python3*/site-packages/tests
 	npm install --silent --no-fund --no-audit --prefix $(VENV)/readers @playcanvas/splat-transform@3.7.0
 	@touch $@
-
-test-%:
-	@$(MAKE) --no-print-directory test KIND=$*
 
 # The module of each benchmark by its NAME, and its arguments; BENCH has further ones.
 BENCH_sync := benchmarks.clock.sync_link
@@ -162,6 +160,7 @@ BENCH_pose-errors := benchmarks.reconstruction.pose_errors
 BENCH_board-errors := benchmarks.reconstruction.board_errors
 BENCH_pairs := benchmarks.reconstruction.stereo_pairs
 BENCH_verdicts := benchmarks.reconstruction.verdicts
+BENCH_periodic := benchmarks.reconstruction.periodic_takes
 BENCH_time-words := benchmarks.reconstruction.time_words
 BENCH_seeds := tests.virtual $(if $(BENCH),,0-9999)
 BENCH_flips := benchmarks.flip_operators $(if $(BENCH),,$(addprefix reconstruction/,depth methods/multiview scene/calibration) \
@@ -174,21 +173,12 @@ BENCH_paper := benchmarks.paper paper --markdown docs/paper.md
 bench: $(VENV)/.installed$(if $(filter phones seeds flips paper,$(NAME)),-dev)
 	@$(BIN)/python -m $(or $(BENCH_$(NAME)),$(error there is no NAME=$(NAME): see make help)) $(BENCH)
 
-bench-%:
-	@$(MAKE) --no-print-directory bench NAME=$*
-
-soak hostile paper flips:
-	@$(MAKE) --no-print-directory bench NAME=$@
-
 PICTURES_screenshots := screenshots
 PICTURES_animation := take_animation
 PICTURES_calibration := calibration_pictures
 
 pictures: $(VENV)/.installed-dev
 	$(BIN)/python docs/images/$(or $(PICTURES_$(NAME)),$(error there is no NAME=$(NAME): see make help)).py
-
-screenshots animation calibration-pictures:
-	@$(MAKE) --no-print-directory pictures NAME=$(@:-pictures=)
 
 samples: $(VENV)/.installed
 	$(BIN)/python -m benchmarks.samples --replace --out sample_sessions $(dir $(wildcard sample_sessions/*/recipe.json))

@@ -28,7 +28,7 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("OPENCV_FOR_THREADS_NUM", "1")
 
-pytest_plugins = ["tests.costs", "tests.skips"]
+pytest_plugins = ["tests.costs", "tests.parts", "tests.skips"]
 
 SHARED = Path(__file__).resolve().parents[2] / "shared"
 

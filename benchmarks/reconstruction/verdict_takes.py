@@ -14,8 +14,7 @@ from benchmarks.reconstruction.painted_scenes import HEIGHT, WIDTH, Stage
 from capture_app.common.errors import BadInputError
 from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.manifest import CALIBRATION, BurstRecord, CameraRecord
-from capture_app.session.importing.import_options import ImportOptions
-from capture_app.session.importing.recording import import_recording
+from capture_app.session.importing.recording import ImportOptions, import_found
 from capture_app.session.reading.reader import Session
 from capture_app.session.writing.session_writer import SessionWriter
 from reconstruction.common.geometry import Array, View
@@ -342,7 +341,7 @@ def _import_ball(take: Take, cache: Path, folder: Path) -> Session:
             if not link.exists():
                 link.symlink_to(other)
     options = ImportOptions(fps=60, calibration=(str(folder / "calibration"),), unit="in")
-    session = import_recording([str(source)], cache, take.name, options)
+    (session,) = import_found([str(source)], cache, take.name, options)
     if take.geometry_px:
         own = session.calibration()
         assert own is not None

@@ -1,5 +1,6 @@
 """`capture-app sessions` import and export: other programs' recordings, and sessions in their formats."""
 
+import shlex
 import subprocess
 import sys
 from itertools import chain, pairwise
@@ -11,6 +12,7 @@ import click
 from capture_app.commands.session_text import session_lines
 from capture_app.commands.shared_options import ANY_PATH, restrict_file_access
 from capture_app.common.errors import BadInputError
+from capture_app.common.instants import COMPARED_MS
 from capture_app.common.names import name_like
 from capture_app.common.optional_packages import RECONSTRUCTION
 from capture_app.common.plugins import plugin_names
@@ -40,8 +42,6 @@ _OF_SPLATS = {"3dgs", "gsplat", "gaussian-splatting", "blender", "gltf"}
 
 _MOTION_S, _MAX_MOTION_S = 0.25, 30.0
 """Processor time of an alignment by motion, s an image (110 s for 4 x 100 of 1080 x 1920); its budget, s."""
-_COMPARED_NS = 66_000_000
-"""Delay that `reconstruct compare` looks for between two frames, to within half of their interval."""
 _LOADED = f"{__name__}.loaded"
 
 
@@ -152,6 +152,11 @@ class _ImportCommand(click.Command):
     metavar="NAME",
     help="Name of the recording to import, if the folder has several.",
 )
+@click.option(
+    "--split",
+    type=click.Choice(["side-by-side"]),
+    help="Each picture holds a left and a right view, as of stereo cameras: they become two cameras.",
+)
 @click.option("--png", is_flag=True, help="Save video frames as PNG instead of JPEG.")
 @click.option("--name", show_default="the recording's folder name", help="Name of the session.")
 @click.option("--out", type=ANY_PATH, metavar="DIR", default=Path("sessions"), help="Folder for the session.")
@@ -172,9 +177,8 @@ def import_command(
     Recordings of the programs below are recognized, with their times and calibration. An export of `sessions
     export` becomes the original session. The verdict and the next command are printed at the end.
     """
-    from capture_app.session.importing.import_options import ImportOptions
     from capture_app.session.importing.importer import split_name
-    from capture_app.session.importing.recording import import_found
+    from capture_app.session.importing.recording import ImportOptions, import_found
 
     restrict_file_access()
     if name is None:
@@ -244,16 +248,19 @@ def _say_next(session: Session) -> None:
     calibrated = session.calibration() is not None
     times_ns = session.manifest.burst.instants_ns
     step_ns = min((after - before for before, after in pairwise(times_ns)), default=0)
-    too_far = step_ns > 2 * _COMPARED_NS or 0 < times_ns[-1] - times_ns[0] < _COMPARED_NS - step_ns / 2
-    # Where alignment was tried in vain, to look at the pictures works whatever they show.
-    if len(session.manifest.cameras) < 2 or _are_times_uncertain(session) or (calibrated and too_far):
-        step = f"capture-app sessions sheet {session.folder}"
-    elif not calibrated:
-        step = f"reconstruct calibrate {session.folder}"
+    # A comparison looks for this delay between two frames, to within half of their interval.
+    compared_ns = COMPARED_MS * 1e6
+    too_far = step_ns > 2 * compared_ns or 0 < times_ns[-1] - times_ns[0] < compared_ns - step_ns / 2
+    alone, folder = len(session.manifest.cameras) < 2, shlex.quote(str(session.folder))
+    if not calibrated and not alone:
+        talk(f"depth needs a calibration: reconstruct calibrate {folder}, by a board or what is still")
+    # To look at the pictures works whatever they show.
+    if alone or not calibrated or too_far or _are_times_uncertain(session):
+        step = f"capture-app sessions sheet {folder} --out {session.folder.name}.jpg"
     else:
         # One instant has no other to compare it with.
         command = "multiview" if len(times_ns) < 2 else "compare"
-        step = f"reconstruct {command} {session.folder} --out {session.folder.name}-{command}"
+        step = f"reconstruct {command} {folder} --out {session.folder.name}-{command}"
     talk(f"next: {step}")
 
 

@@ -1,5 +1,8 @@
 """Rule for frames of several cameras to belong to one instant: within half a frame period."""
 
+COMPARED_MS = 66.0
+"""Delay of one camera that synchronized images are compared with by default, ms: two frames at 30 fps."""
+
 
 def is_same_instant(apart: float, period: float) -> bool:
     """Whether two frames, or a frame and an instant, `apart` in time belong to one instant; same units.

@@ -5,11 +5,12 @@ from typing import Any
 
 import click
 
+from capture_app.common.instants import COMPARED_MS
 from capture_app.console.terminal import FiniteRange, answer, json_option
 from capture_app.console.usage import examples
 from reconstruction.commands import command_options
 from reconstruction.method.interface import scored, study_names
-from reconstruction.scene.conditions import DEFAULT_OFFSET_MS, MAX_OFFSET_MS, SYNCED, Condition
+from reconstruction.scene.conditions import MAX_OFFSET_MS, SYNCED, Condition
 
 
 def _refuse_synced(
@@ -47,7 +48,7 @@ class _CompareCommand(click.Command):
     "--offset-ms",
     type=FiniteRange(min=0, min_open=True, max=MAX_OFFSET_MS),
     metavar="MS",
-    default=DEFAULT_OFFSET_MS,
+    default=COMPARED_MS,
     help="Delay of the second camera of a pair, rounded to whole frames.",
 )
 @command_options.max_instants_option
@@ -87,7 +88,7 @@ def compare(session: Path, out: Path, as_json: bool, **chosen: Any) -> None:
     "--max-offset-ms",
     type=FiniteRange(min=0, min_open=True, max=1e4),
     metavar="MS",
-    default=DEFAULT_OFFSET_MS,
+    default=COMPARED_MS,
     help="Largest delay to measure, in steps of one frame, as far as the burst allows.",
 )
 @click.option("--pair", **command_options.PAIR, help="The two cameras for depth.")

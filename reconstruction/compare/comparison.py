@@ -12,6 +12,7 @@ from typing import Any, Self, TypeVar
 from msgspec import structs
 
 from capture_app.common.errors import BadInputError
+from capture_app.common.instants import COMPARED_MS
 from capture_app.console.terminal import Progress, talk
 from capture_app.session.files.output_folder import OutputFolder
 from reconstruction.common.memory import usable_cores
@@ -27,7 +28,6 @@ from reconstruction.report.comparison_report import report_words, write_report
 from reconstruction.report.findings import verdict
 from reconstruction.scene.calibration.consistency import check_rig
 from reconstruction.scene.conditions import (
-    DEFAULT_OFFSET_MS,
     Condition,
     evenly_spaced,
     nearest_frame_offset,
@@ -50,7 +50,7 @@ CORE_STEPS = 6
 class CompareOptions:
     """Options of a comparison; `of` combines them with the studies' own options."""
 
-    offset_ms: float = DEFAULT_OFFSET_MS
+    offset_ms: float = COMPARED_MS
     max_instants: int = 16
     conditions: tuple[Condition, ...] = ()
     """Further conditions besides each study's own."""
@@ -323,7 +323,7 @@ def _measure_pair_timing(context: Context, offsets: PairOffsets, study: Score) -
     timing = with_depth(timing, study.found)
     context.progress.step("depth at different offsets")
     with suppress(ValueError, BadInputError):
-        delay_ms = max(context.offset.actual_ms if context.offset else 0.0, DEFAULT_OFFSET_MS)
+        delay_ms = max(context.offset.actual_ms if context.offset else 0.0, COMPARED_MS)
         quiet = replace(
             context,
             max_instants=min(TOLERANCE_INSTANTS, context.max_instants),

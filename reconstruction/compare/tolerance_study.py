@@ -13,6 +13,7 @@ import numpy as np
 from msgspec import structs
 
 from capture_app.common.errors import BadInputError, NotAvailableError
+from capture_app.common.instants import COMPARED_MS
 from capture_app.console.terminal import Progress
 from reconstruction.common.outputs import REPORT, comparison_folder, write_metrics
 from reconstruction.method.comparison_results import InstantTolerance, OffsetTolerance
@@ -28,7 +29,6 @@ from reconstruction.method.timing import (
 )
 from reconstruction.report.tolerance_report import tolerance_sentence, write_tolerance_report
 from reconstruction.scene.conditions import (
-    DEFAULT_OFFSET_MS,
     SYNCHRONIZED,
     FrameOffset,
     nearest_frame_offset,
@@ -137,7 +137,7 @@ def measure_tolerance(
     session: Path,
     out: Path | None = None,
     *,
-    max_offset_ms: float = DEFAULT_OFFSET_MS,
+    max_offset_ms: float = COMPARED_MS,
     pair: tuple[str, str] | None = None,
     max_instants: int = 16,
     time_shifts_ms: Mapping[str, float] = MappingProxyType({}),
@@ -263,6 +263,8 @@ def measure_curve(
     of_instants = {moment.instant: moment.peak_ms for moment in instants if moment.peak_ms is not None}
     peaks, spacing_ms = [*of_instants.values()], min(abs(step.actual_ms) for step in steps)
     judged = with_curve_peak(with_depth_runs(timing, of_instants, spacing_ms), peaks, spacing_ms)
+    if timing.late_ms is None:
+        judged = structs.replace(judged, tried_ms=max(abs(step.actual_ms) for step in steps))
     judged = with_depth(judged, next(point for point in points if not point.late_ms))
     speed = _speed_px_per_ms(context.compared.motion, cameras[0], nows)
     own = scene.dataset.worst_residual_us()

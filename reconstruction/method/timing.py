@@ -73,6 +73,8 @@ class Timing(Struct, frozen=True, kw_only=True):
 
     It is determined by motion, or because depth is found best as the images are paired.
     """
+    tried_ms: float = 0.0
+    """Largest offset that was tried: larger ones are not excluded, if what moves repeats itself."""
     out_of_place_px: float | None = None
     """Epipolar error of moving objects, if images of one instant cannot have it."""
     reason: str = ""
@@ -120,6 +122,7 @@ def measure_pair_timing(
         timing, {name: offsets.repeated(name) for name in cameras}, stalled_images(dataset, cameras)
     )
     timing = without_common_times(timing, dataset.unsynchronized)
+    timing = structs.replace(timing, tried_ms=offsets.max_offset_ms)
     return with_planned_delay(timing, dataset.planned_delay_ms(first, second))
 
 
@@ -198,6 +201,7 @@ def judge_timing(
     offset = abs(late) > ODD_SIGMAS * sd
     end_ms = _largest_by_slope_ms(instants, late)
     points = "matched points" if moving_cameras else "points at rest"
+    listed = ", ".join(map(str, unknown.disagreeing))
     doubts = {
         f"{other}'s frames wander by ± {SIGMAS * (jitter_ms or 0.0):.1f} ms": jitter_ms is not None,
         f"the calibration does not fit the pictures: {points} are {fit.misfit_px or 0.0:.1f} pixels off "
@@ -205,9 +209,8 @@ def judge_timing(
         f"the offset changes over the take, to {end_ms:+.1f} ms": abs(end_ms) > limit_ms,
         "the error of the measured offset is more than a tenth of a frame": SIGMAS * sd > limit_ms,
         f"{odd} of {len(instants)} instants disagree with the others": odd > 0,
-        f"some instants disagree with the others: {', '.join(map(str, unknown.disagreeing))}": bool(
-            unknown.disagreeing
-        ),
+        f"instant {listed} disagrees with the others": len(unknown.disagreeing) == 1,
+        f"instants {listed} disagree with the others": len(unknown.disagreeing) > 1,
         f"single images may be off by up to {possible_ms:.1f} ms": possible_ms > limit_ms,
         "the measured offset is neither clearly zero nor clearly different from zero": not offset
         and abs(late) > SIGMAS * sd,

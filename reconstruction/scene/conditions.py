@@ -17,8 +17,6 @@ SYNCED = "synced"
 DISTINCT = "distinct"
 DISTINCT_MS = (-66.0, -33.0, 0.0, 33.0, 66.0)
 """Offsets of the paper's unsynchronized cameras: up to two frames at 30 fps, in either direction."""
-DEFAULT_OFFSET_MS = 66.0
-"""Default delay of one camera of a pair: the largest of these."""
 MAX_OFFSET_MS = 1e6
 
 

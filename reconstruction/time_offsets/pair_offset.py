@@ -134,12 +134,19 @@ class PairOffsets:
         }
 
     def _measure(
-        self, first: str, second: str, limit: int | None = None, *, rough: RoughOffset | None = None
+        self,
+        first: str,
+        second: str,
+        limit: int | None = None,
+        *,
+        rough: RoughOffset | None = None,
+        beside_ms: float | None = None,
     ) -> OffsetFit:
         """Measure how much later than its recorded times the second camera is, relative to the first.
 
         Uses at most `limit` instants (None: the default) at which something moves in front of both cameras.
-        `rough` is an approximate offset to search around, instead of 0.
+        `rough` is an approximate offset to search around, instead of 0; `beside_ms` is another one, at which
+        the second camera must have images of the same instants, too.
         """
         views = self.scene.views
         if reason := self._why_unmeasurable(first, second):
@@ -157,6 +164,8 @@ class PairOffsets:
         asked = tuple(k for k in self.dataset.instants(*cameras) if k not in self.repeated(first))
         if rough is not None:
             low, high = min(others.values(), default=0.0), max(others.values(), default=0.0)
+            apart = 0.0 if beside_ms is None else beside_ms - near_ms
+            low, high = low + max(0.0, apart), high + min(0.0, apart)
             asked = tuple(k for k in asked if low <= times.at_ms(first, k) <= high)
         limit = limit or self.max_instants
         chosen = (

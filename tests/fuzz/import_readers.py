@@ -12,13 +12,13 @@ from capture_app.session.exporting.export_session import export_session
 from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.manifest import CALIBRATION
 from capture_app.session.importing.calibrations import read_views
-from capture_app.session.importing.import_options import ImportOptions
 from capture_app.session.importing.importer import open_sources
-from capture_app.session.importing.recording import import_recording
-from capture_app.session.importing.times.rate_or_table import timeline_by_tables
+from capture_app.session.importing.recording import ImportOptions
+from capture_app.session.importing.times.tables import timeline_by_tables
 from capture_app.session.reading.decoding import decode_image, read_exif, size_of
 from capture_app.session.reading.reader import Session
 from tests.fuzz.folders import Reader, contents, put, small_session
+from tests.imported import import_one
 from tests.unit.session.conftest import calibration_of, jpeg
 
 
@@ -106,7 +106,7 @@ def import_exported(to: str, name: str) -> Reader:
         assert (export / name).is_file()
         put(export / name, data)
         with suppress(SimulshotError):
-            import_recording([str(export)], folder, "imported", ImportOptions())
+            import_one([str(export)], folder, "imported", ImportOptions())
 
     return read
 

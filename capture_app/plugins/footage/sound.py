@@ -18,9 +18,8 @@ from capture_app.session.alignment.alignment_method import AlignmentMethod
 from capture_app.session.alignment.clock_line import fit_clock_line
 from capture_app.session.format.common_times import CameraTimes
 from capture_app.session.format.lens import Array
-from capture_app.session.importing.embedded_times import video_times_ns
 from capture_app.session.importing.recording_sources import chapter_shifts_ns, later_chapters
-from capture_app.session.importing.video_tracks import read_track
+from capture_app.session.importing.video_tracks import read_track, video_times_ns
 
 RATE_HZ = 16_000
 BIN_S = 0.004

@@ -33,18 +33,14 @@ _ALLOWED = {
 
 
 def open_recording(path: Path, *, png: bool, recording: str | None) -> Layout | None:
-    """Open a trial of a session. Raises BadInputError if it has several and `recording` names none."""
+    """Open a trial of a session. Raises BadInputError if it has none with a video."""
     if not (cameras := _cameras(path)):
         return None
-    videos, trials = cameras[0].parents[1], recordings_in(path)
-    if recording is not None and recording not in trials:
-        raise BadInputError(f"{path} has no trial {recording}", hint=f"it has {', '.join(trials)}")
-    if recording is None and len(trials) != 1:
+    if (trial := recording) is None:
         raise BadInputError(
-            f"{path} has {'several trials: ' + ', '.join(trials) if trials else 'no trial with a video'}",
-            hint="choose one: --recording NAME" if trials else "download its videos, or name them: NAME=PATH",
+            f"{path} has no trial with a video", hint="download its videos, or name them: NAME=PATH"
         )
-    trial = recording or trials[0]
+    videos = cameras[0].parents[1]
     there = [camera for camera in cameras if videos_in(camera / trial)]
     raw, aligned = (
         [_video(camera / trial, name) for camera in there] for name in (trial, trial + _SYNCHRONIZED)
@@ -58,7 +54,7 @@ def open_recording(path: Path, *, png: bool, recording: str | None) -> Layout | 
         sources=tuple(open_sources(paths, png=png)),
         same_frames=chosen is aligned,
         calibration=videos if all((camera.parent / _PARAMETERS).is_file() for camera in there) else None,
-        note=f"{trial} was not aligned by OpenCap: its phones start a little apart" if chosen is raw else "",
+        notes=[f"{trial} was not aligned by OpenCap: its phones start a little apart"] * (chosen is raw),
     )
 
 

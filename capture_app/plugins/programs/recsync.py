@@ -42,7 +42,7 @@ class PhoneVideo(Video):
             f"the first {len(self._rows)} are taken": len(rows) != len(self.numbers),
             f"{table}: {put_in} of {len(self._rows)} frames are fillers and left out": put_in,
         }
-        self.note = "; ".join(filter(None, (self.note, *(note for note, holds in notes.items() if holds))))
+        self.notes = (*self.notes, *(note for note, holds in notes.items() if holds))
 
     def embedded_times(self) -> Sequence[TimedFrame]:
         """Return each frame's time; if table and video differ in length, only up to the shorter one's end."""

@@ -1,21 +1,19 @@
 """Alignment of videos without common times, by methods that are plugins: sound, flashes, timecode, GPS."""
 
-import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
+from typing import TypeVar
 
 from msgspec.structs import replace
 
-from capture_app.common.errors import BadInputError, NotAvailableError
-from capture_app.common.text import Talk
+from capture_app.common.errors import BadInputError
 from capture_app.session.alignment.alignment_method import AlignmentMethod, alignment_methods
 from capture_app.session.alignment.clock_line import Against, chain_cameras, measure_pairs
 from capture_app.session.format.common_times import REFERENCE, CameraTimes, CommonTimes
-from capture_app.session.importing.frame_matching import TimedFrame, Timeline, timeline_by_times, trim
-from capture_app.session.importing.recording_sources import Source, Video
-from capture_app.session.importing.times.rules import Times
+from capture_app.session.importing.frame_matching import Instant, Timeline, Times, trim, with_common_times
+from capture_app.session.importing.recording_sources import Half, Source, Video
 
+_Value = TypeVar("_Value")
 MOTION = "motion"
 """Alignment by what moves, which is the reconstruction's, on the session as it is written."""
 SOUND_M_PER_S = 343.0
@@ -48,35 +46,59 @@ class Aligned:
     sources: Sequence[Source]
     timeline: Timeline
     common: CommonTimes | None
+    notes: Sequence[str] = ()
 
 
-def align_times(sources: Sequence[Source], times: Times, options: AlignmentOptions, talk: Talk) -> Aligned:
+def align_times(sources: Sequence[Source], times: Times, options: AlignmentOptions) -> Aligned:
     """Align a recording whose times are unknown, by the method that the user names, or by any.
 
-    Cameras that cannot be aligned are left out, if at least two others can. `talk` receives what each method
+    Cameras that cannot be aligned are left out, if at least two others can. The notes are what each method
     found for the cameras, unless the state's reason has it. Raises as `_measure`.
     """
     if times.common is None or not times.common.unknown:
         return Aligned(sources, times.timeline, times.common)
-    common = _measure(sources, times, times.common, options, talk)
+    common, notes = _measure(sources, times, times.common, options)
     if common.cameras:
         left = [source for source in sources if source.name in common.cameras]
-        return Aligned(left, trim(with_common_times(times.timeline, common), talk), common)
+        timeline, beside = trim(with_common_times(times.timeline, common))
+        return Aligned(left, timeline, common, [*notes, *filter(None, [beside])])
     videos = [source for source in sources if isinstance(source, Video)]
     lengths = {(len(video.numbers), round(video.fps, 2)) for video in videos}
     # Equal counts and rates prove nothing.
     if len(videos) == len(sources) and len(lengths) == 1:
-        talk(
+        notes.append(
             f"{len(sources)} videos of equal length and rate: if one trigger or recorder took their "
             "frames, import again with --synchronized, which takes equal numbers as one instant"
         )
-    return Aligned(sources, times.timeline, common)
+    return Aligned(sources, times.timeline, common, notes)
+
+
+def split_views(aligned: Aligned) -> Aligned:
+    """Return a recording whose cameras are two each: the views side by side in each of their pictures."""
+    sides = {"left": False, "right": True}
+
+    def both(of: Mapping[str, _Value]) -> dict[str, _Value]:
+        return {f"{name}-{side}": value for name, value in of.items() for side in sides}
+
+    sources = [
+        Half(source, f"{source.name}-{side}", right=right)
+        for source in aligned.sources
+        for side, right in sides.items()
+    ]
+    timeline = aligned.timeline
+    instants = [Instant(one.leader_ns, both(one.frames), both(one.why_missing)) for one in timeline.instants]
+    timeline = Timeline(instants, timeline.period_ns, both(timeline.camera_periods_ns))
+    common = aligned.common or CommonTimes(state="recorded", reason="both views are in each picture")
+    if common.cameras:
+        reference = f"{common.reference}-{next(iter(sides))}"
+        common = replace(common, reference=reference, cameras=both(common.cameras))
+    return Aligned(sources, timeline, common, aligned.notes)
 
 
 def _measure(
-    sources: Sequence[Source], times: Times, unknown: CommonTimes, options: AlignmentOptions, talk: Talk
-) -> CommonTimes:
-    """Return the state of a recording's times with each camera's offset, `unknown` without any.
+    sources: Sequence[Source], times: Times, unknown: CommonTimes, options: AlignmentOptions
+) -> tuple[CommonTimes, list[str]]:
+    """Return the state of a recording's times with each camera's offset, `unknown` without any; and notes.
 
     auto takes the smallest uncertainty for each pair of cameras, and a result in doubt, see
     `AlignmentMethod.doubt`, only if another method confirms it. Raises BadInputError if the requested method
@@ -87,7 +109,7 @@ def _measure(
     if by in ("none", MOTION) or len(videos) < len(sources):
         if by not in ("auto", "none", MOTION):
             raise BadInputError(f"--align {by} is for videos", hint="these are images: leave it out")
-        return unknown
+        return unknown, []
     methods = alignment_methods(by)
     timed = [name for name, method in methods.items() if method.of_video_times]
     if by in timed and times.by_rate:
@@ -116,16 +138,17 @@ def _measure(
                 * times.by_rate
             ),
         ]
-        return CommonTimes(state=unknown.state, reason=", ".join(reasons))
-    for method, text in said.items():
-        if text:
-            talk(f"by {method}: {text}")
-    for name in cameras.keys() - aligned.keys():
-        talk(f"left out {name}: it cannot be aligned; --align none imports all, not synchronized")
+        return CommonTimes(state=unknown.state, reason=", ".join(reasons)), []
+    notes = [f"by {method}: {text}" for method, text in said.items() if text]
+    notes += [
+        f"left out {name}: it cannot be aligned; --align none imports all, not synchronized"
+        for name in cameras.keys() - aligned.keys()
+    ]
     used = sorted({times.source for times in aligned.values()} - {REFERENCE})
-    return CommonTimes(
+    common = CommonTimes(
         state="aligned", reason=f"by {' and '.join(used)}", reference=next(iter(aligned)), cameras=aligned
     )
+    return common, notes
 
 
 def _measurements(
@@ -230,30 +253,3 @@ def _agree(one: CameraTimes, other: CameraTimes) -> bool:
     at_ns = one.epoch_local_ns
     apart_ns = abs(one.leader_from_local(at_ns) - other.leader_from_local(at_ns))
     return apart_ns <= (one.uncertainty_at_ns(at_ns) or 0) + (other.uncertainty_at_ns(at_ns) or 0)
-
-
-def heard_together(one: Path, other: Path) -> bool:
-    """Return whether two videos have the same sound, at any offset; False without the method `sound`."""
-    try:
-        (method,) = alignment_methods("sound").values()
-        return method.match(method.read(one, 0.0), method.read(other, 0.0), 0.0).offset_ns is not None
-    except (BadInputError, NotAvailableError):
-        return False
-
-
-def with_common_times(timeline: Timeline, common: CommonTimes) -> Timeline:
-    """Return a timeline of the cameras with common times, converted to these and matched again."""
-    cameras = {
-        name: [_at_common_time(frame, common.cameras[name]) for frame in frames]
-        for name, frames in timeline.cameras().items()
-        if name in common.cameras
-    }
-    return timeline_by_times("the recording", cameras)
-
-
-def _at_common_time(frame: TimedFrame, times: CameraTimes) -> TimedFrame:
-    own_ns = frame.leader_ns if frame.local_ns is None else frame.local_ns
-    further = {**frame.further, "uncertainty_ns": times.uncertainty_at_ns(own_ns)}
-    return dataclasses.replace(
-        frame, leader_ns=times.leader_from_local(own_ns), local_ns=own_ns, further=further
-    )

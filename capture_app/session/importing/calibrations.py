@@ -82,6 +82,8 @@ def fit_calibration(
     if unit is not None and views.unit is not None and unit != views.unit:
         raise BadInputError(f"{views.source} is in {views.unit}, not in {unit}", hint="leave out --unit")
     given = views.unit or unit or views.assumed_unit
+    if views.unit is None and unit is None and given in METRES:
+        talk(f"{views.source} states no unit of its lengths: {given} is assumed; --unit mm says otherwise")
     labels = pair_labels(views.cameras, list(sizes))
     if lacking := [name for name in sizes if name not in labels]:
         raise BadInputError(
@@ -172,42 +174,33 @@ def _rows(matrix: Array) -> Matrix3:
     return first, second, third
 
 
-def choose_views(layout: Layout, options: ViewOptions, cameras: Sequence[str]) -> Views | None:
-    """Return the views of the user's calibration, otherwise those of the recording's program, or None.
-
-    Raises as `read_views`.
-    """
-    if options.calibration:
-        return read_views([split_name(text) for text in options.calibration], cameras)
-    return read_views([("", layout.calibration)], cameras) if layout.calibration else layout.views
-
-
 def choose_calibration(
     layout: Layout,
-    views: Views | None,
+    cameras: Sequence[str],
     sizes: Callable[[], Mapping[str, tuple[int, int]]],
     options: ViewOptions,
-    talk: Talk,
-) -> Calibration | None:
-    """Return the calibration for images of these sizes: by views, the export's, or one beside that fits.
+) -> tuple[Calibration | None, list[str]]:
+    """Return the calibration for images of these sizes, and notes about it.
 
-    Raises BadInputError if the views do not fit; one that only lies beside is then reported and not used.
+    It is the user's, otherwise the program's, the export's, or one beside that fits. Raises BadInputError if
+    it does not fit; one that only lies beside is then reported and not used.
     """
-    unit = options.unit or (None if options.calibration else layout.unit)
+    notes: list[str] = []
+    unit, views = options.unit or layout.unit, layout.views
+    if options.calibration:
+        unit, views = options.unit, read_views([split_name(text) for text in options.calibration], cameras)
+    elif layout.calibration is not None:
+        views = read_views([("", layout.calibration)], cameras)
     if views is not None:
-        return fit_calibration(views, sizes(), unit=unit, fit=options.fit, talk=talk)
-    if layout.record is not None:
-        return _exported(layout.record, sizes())
-    if layout.beside is None:
-        return None
+        return fit_calibration(views, sizes(), unit=unit, fit=options.fit, talk=notes.append), notes
+    if layout.record is not None or layout.beside is None:
+        return _exported(layout.record, sizes()) if layout.record else None, notes
     try:
-        beside = read_views([("", layout.beside)], list(sizes()))
-        calibration = fit_calibration(beside, sizes(), unit=unit, fit=options.fit, talk=talk)
+        views = read_views([("", layout.beside)], cameras)
+        calibration = fit_calibration(views, sizes(), unit=unit, fit=options.fit, talk=notes.append)
     except BadInputError as error:
-        talk(f"calibration: {layout.beside} is not taken: {error}")
-        return None
-    talk(f"calibration: {layout.beside}")
-    return calibration
+        return None, [f"calibration: {layout.beside} is not taken: {error}"]
+    return calibration, [f"calibration: {layout.beside}", *notes]
 
 
 def _exported(record: ExportRecord, sizes: Mapping[str, tuple[int, int]]) -> Calibration | None:

@@ -6,26 +6,161 @@ folder is one camera, unless clips in one of them overlap in time or its name sa
 """
 
 import re
-from collections.abc import Mapping, Sequence
-from datetime import datetime
-from itertools import combinations, product, zip_longest
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from datetime import datetime, timedelta
+from itertools import combinations, zip_longest
 from pathlib import Path
 from statistics import median
 
-from capture_app.common.errors import BadInputError
+from capture_app.common.errors import BadInputError, NotAvailableError
 from capture_app.common.names import name_like, natural_order
-from capture_app.common.text import Talk, count
-from capture_app.session.importing.clip_pairs import Clip, Heard, Key, is_counted, pair_clips, take_keys
-from capture_app.session.importing.folder_tree import folders_below
-from capture_app.session.importing.importer import load_importers
-from capture_app.session.importing.recording_sources import videos_in
+from capture_app.common.text import count
+from capture_app.session.alignment.alignment_method import alignment_methods
+from capture_app.session.importing.recording_sources import CAMERA, folders_below, videos_in
 from capture_app.session.importing.video_tracks import open_container
 
-_CAMERA = re.compile(
-    r"cam|left|right|front|back|side|top|view|gopro|phone|pixel|ipad|galaxy|canon|sony|angle"
-)
+_SLACK_S = 2.0
+_HEARD_PAIRS = 3
+"""Number of pairs of each pairing that are compared by sound."""
+_COUNTER = re.compile(r"(?!take|run)[A-Za-z]{0,4}_?\d{3,}", re.IGNORECASE)
+"""A name that cameras count, such as IMG_0001 or C0017: equal ones of two cameras mean nothing."""
+
+
+@dataclass(frozen=True, slots=True)
+class Clip:
+    """A video: its length, and its start by its camera's clock, s; the start is None if unknown."""
+
+    path: Path
+    seconds: float
+    began_s: float | None
+
+    def together(self, other: "Clip") -> bool:
+        """Return whether both were recorded at the same time, by their dates."""
+        if self.began_s is None or other.began_s is None:
+            return False
+        apart_s = other.began_s - self.began_s
+        return apart_s <= self.seconds + _SLACK_S if apart_s >= 0 else -apart_s <= other.seconds + _SLACK_S
+
+
+Key = tuple[str, ...]
+Pairs = tuple[tuple[Clip, Clip], ...]
+Heard = Callable[[Path, Path], bool]
+"""Returns whether two videos recorded the same sound."""
+
+
+def take_keys(cameras: Mapping[str, Sequence[Clip]]) -> dict[Clip, Key]:
+    """Return the words of each clip's name with its camera's own one blanked: equal for clips of one take.
+
+    A camera's own word is its label, or a word that all of its clips have and no other camera's. Where two
+    clips of a camera have the same words, the types of file tell clips apart.
+    """
+    words = {clip: _words(clip) for clips in cameras.values() for clip in clips}
+    keys: dict[Clip, Key] = {}
+    for name, clips in cameras.items():
+        others = {word for clip, of in words.items() if clip not in clips for word in of}
+        common = set.intersection(*(set(words[clip]) for clip in clips))
+        learned = {word for word in common - others if not (word.isdecimal() or _COUNTER.fullmatch(word))}
+        own = common & {name.casefold()} or learned
+        for clip in clips:
+            key = tuple("" if word in own else word for word in words[clip])
+            # Without its learned word, a name must still say which take it is.
+            keys[clip] = key if any(key) or name.casefold() in own else words[clip]
+    twice = {key for clips in cameras.values() for key, n in Counter(keys[c] for c in clips).items() if n > 1}
+    return {clip: (*key, clip.path.suffix.casefold()) if key in twice else key for clip, key in keys.items()}
+
+
+def is_counted(clip: Clip) -> bool:
+    """Return whether a clip's name is one that cameras count, which says nothing of another camera's."""
+    return _COUNTER.fullmatch(clip.path.stem) is not None
+
+
+def _words(clip: Clip) -> Key:
+    return tuple(re.split(r"[\s_\-.]+", clip.path.stem.casefold()))
+
+
+def pair_clips(
+    names: tuple[str, str],
+    first: Sequence[Clip],
+    clips: Sequence[Clip],
+    heard: Heard,
+    keys: Mapping[Clip, Key] | None = None,
+) -> tuple[Pairs, str]:
+    """Return the clips of two cameras that belong together, and what this assumes; empty if nothing.
+
+    `names` are the cameras'. Clips of both are in the order of their names. `keys` are their `take_keys`.
+    """
+    key = keys or take_keys({names[0]: first, names[1]: clips})
+    named = tuple((clip, other) for clip in first for other in clips if key[clip] == key[other])
+    counted = all(is_counted(clip) for clip, _ in named)
+    if len(named) == min(len(first), len(clips)) and not counted:
+        return named, ""
+    if all(clip.began_s is not None for clip in (*first, *clips)):
+        dated, note = _by_clocks(names, first, clips, heard)
+        taken = {clip for pair in named for clip in pair if not counted}
+        return (*(() if counted else named), *(pair for pair in dated if taken.isdisjoint(pair))), note
+    if named or len(first) != len(clips):
+        return named, ""
+    by_order = tuple(zip(first, clips, strict=True))
+    return by_order, f"the clips of {' and '.join(names)} are paired by their order"
+
+
+def _by_clocks(
+    names: tuple[str, str], first: Sequence[Clip], clips: Sequence[Clip], heard: Heard
+) -> tuple[Pairs, str]:
+    """Pair clips by their dates, or by a constant difference of the clocks that pairs all of them."""
+    fewest = min(len(first), len(clips))
+    straight = _at_difference(first, clips, 0.0)
+    # A difference that pairs all clips pairs the first one of the camera with fewer.
+    anchor = min(first, clips, key=len)[0]
+    pairs = ((clip, other) for clip in first for other in clips if anchor in (clip, other))
+    later_s = sorted(
+        ((other.began_s or 0.0) - (first_clip.began_s or 0.0) for first_clip, other in pairs), key=abs
+    )
+    shifted = {tuple(_at_difference(first, clips, by_s)): by_s for by_s in reversed(later_s)}
+    complete = {pairs: by_s for pairs, by_s in shifted.items() if len(pairs) == fewest}
+    if len(straight) == fewest or not complete:
+        return straight, ""
+    possible = {**complete, **({straight: 0.0} if straight else {})}
+    scores = {
+        pairs: sum(heard(first_clip.path, other.path) for first_clip, other in pairs[:_HEARD_PAIRS])
+        for pairs in (possible if len(possible) > 1 else ())
+    }
+    leading = [pairs for pairs, score in scores.items() if score == max(scores.values()) > 0]
+    is_heard, likeliest = len(leading) == 1, straight if len(complete) > 1 else next(iter(complete))
+    chosen = leading[0] if is_heard else likeliest
+    by_s = possible.get(chosen) or min(complete.values(), key=abs)
+    by, apart = "sound" if is_heard else "dates alone", timedelta(seconds=round(abs(by_s)))
+    if chosen == straight:
+        return (
+            chosen,
+            f"by their {by}, {' and '.join(names)} have equal clocks, and do not differ by {apart} h",
+        )
+    ahead, behind = names[::-1] if by_s > 0 else names
+    sure = "; otherwise each missed a take" if straight and not is_heard else ""
+    return (
+        chosen,
+        f"by their {by}, the clock of {ahead} is {apart} h ahead of that of {behind} in all takes{sure}",
+    )
+
+
+def _at_difference(first: Sequence[Clip], clips: Sequence[Clip], later_s: float) -> Pairs:
+    """Return the clips that were recorded together if the second camera's clock is `later_s` ahead."""
+    pairs: list[tuple[Clip, Clip]] = []
+    left = list(clips)
+    for clip in first:
+        at = replace(clip, began_s=(clip.began_s or 0.0) + later_s)
+        if (other := next(filter(at.together, left), None)) is not None:
+            pairs.append((clip, other))
+            left.remove(other)
+    return tuple(pairs)
+
+
 _TAKE = re.compile(r"take|trial|run|scene|shot|day|session|try|attempt|walk|jump|20\d\d")
-_CALIBRATION = re.compile(r"calib|intrinsic|extrinsic|board|checker|charuco", re.IGNORECASE)
+CALIBRATION = re.compile(r"calib|intrinsic|extrinsic|board|checker|charuco", re.IGNORECASE)
+_PROXY = re.compile(r"(^|/)(SUB/|prox(y|ies)/|GL\d{6}\.|LRV_)|_proxy\.", re.IGNORECASE)
+"""Paths of small copies that cameras and editors write: Sony, GoPro, Insta360, DaVinci Resolve."""
 _MAX_LENGTH_RATIO = 2.0
 """Maximum ratio of the lengths of two clips of one take."""
 
@@ -34,61 +169,52 @@ Shoot = tuple[str, Mapping[str, Clip]]
 """Name and clips, by camera, of one take; the name is empty if the folder has only this take."""
 
 
-def find_shoots(
-    folder: Path, talk: Talk = lambda said: None, heard: Heard = lambda one, other: False
-) -> tuple[list[Shoot], list[str]]:
-    """Return the takes in a folder, and lines about what was left out and why.
+def find_shoots(folder: Path) -> tuple[list[Shoot], list[str]]:
+    """Return the takes in a folder, and lines about what was left out and why, and what they assume.
 
-    `talk` receives what the takes assume of the cameras' clocks; `heard` decides where these allow two takes.
     There are none if neither the folder nor its subfolders contain videos.
     """
     shoots: list[Shoot] = []
-    left_out: list[str] = []
-    own = _usable(videos_in(folder), left_out)
-    inner = {path: clips for path in sorted(folder.iterdir()) if (clips := _clips_below(path, left_out))}
+    notes: list[str] = []
+    own = _usable(videos_in(folder), notes, folder)
+    inner = {path: clips for path in sorted(folder.iterdir()) if (clips := _clips_below(path, notes, folder))}
     for path, clips in inner.items():
-        of_boards = [clip for clip in clips if _CALIBRATION.search(str(clip.path.parent.relative_to(path)))]
+        of_boards = [clip for clip in clips if CALIBRATION.search(str(clip.path.parent.relative_to(path)))]
         if 0 < len(of_boards) < len(clips):
             inner[path] = [clip for clip in clips if clip not in of_boards]
-            left_out.append(
-                f"{path.name}: {count(len(of_boards), 'clip')} that look like calibration; "
+            notes.append(
+                f"left out {path.name}: {count(len(of_boards), 'clip')} that look like calibration; "
                 "reconstruct calibrate takes them"
             )
-    boards = [path for path in inner if _CALIBRATION.search(path.name)]
+    boards = [path for path in inner if CALIBRATION.search(path.name)]
     for path in boards if len(inner) > len(boards) or own else ():
-        left_out.append(f"{path.name}: looks like calibration; reconstruct calibrate takes it")
+        notes.append(f"left out {path.name}: looks like calibration; reconstruct calibrate takes it")
         del inner[path]
     if len(inner) == 1 and not own:
         # Unreadable files there were reported already, when its clips were searched.
-        shoots, deeper = find_shoots(next(iter(inner)), talk, heard)
-        return shoots, [*(line for line in left_out if line not in deeper), *deeper]
+        shoots, deeper = find_shoots(next(iter(inner)))
+        return shoots, [*(line for line in notes if line not in deeper), *deeper]
     if len(own) >= max(1, len(inner)):
-        left_out += [f"{path.name}: {count(len(clips), 'clip')} beside" for path, clips in inner.items()]
-        shoots = _of_one_folder(own, left_out, talk, heard)
+        notes += [
+            f"left out {path.name}: {count(len(clips), 'clip')} beside" for path, clips in inner.items()
+        ]
+        shoots = _of_one_folder(own, notes)
     elif inner:
-        left_out += [f"{clip.path.name}: beside the cameras' folders" for clip in own]
-        shoots = _of_folders(inner, left_out, talk, heard)
-    return shoots, left_out
+        notes += [f"left out {clip.path.name}: beside the cameras' folders" for clip in own]
+        shoots = _of_folders(inner, notes)
+    return shoots, notes
 
 
-def find_calibration(folder: Path) -> Path | None:
-    """Return a calibration in a folder, or in a subfolder with a name for calibrations."""
-    inner = [path for path in sorted(folder.iterdir()) if path.is_dir() and _CALIBRATION.search(path.name)]
-    for place, importer in product((folder, *inner), load_importers()):
-        for pattern in importer.calibration_files:
-            if (file := min(place.glob(pattern), default=None)) is not None:
-                return place if importer.calibration_per_camera else file
-    return None
-
-
-def _usable(paths: Sequence[Path], left_out: list[str]) -> list[Clip]:
+def _usable(paths: Sequence[Path], notes: list[str], root: Path) -> list[Clip]:
     clips = []
     for path in sorted(paths, key=lambda path: natural_order(path.name)):
-        if not path.name.startswith("."):
+        if _PROXY.search(inside := path.relative_to(root).as_posix()):
+            notes.append(f"left out {inside}: a small copy, by its name; NAME=PATH imports it")
+        elif not path.name.startswith("."):
             try:
                 clips.append(_read(path))
             except BadInputError as error:
-                left_out.append(f"{path.name}: {error.what}")
+                notes.append(f"left out {path.name}: {error.what}")
     return clips
 
 
@@ -111,12 +237,12 @@ def _date_s(text: str) -> float:
         return 0.0
 
 
-def _clips_below(folder: Path, left_out: list[str]) -> list[Clip]:
-    return [clip for place in folders_below(folder) for clip in _usable(videos_in(place), left_out)]
+def _clips_below(folder: Path, notes: list[str], root: Path) -> list[Clip]:
+    return [clip for place in folders_below(folder) for clip in _usable(videos_in(place), notes, root)]
 
 
-def _of_one_folder(clips: list[Clip], left_out: list[str], talk: Talk, heard: Heard) -> list[Shoot]:
-    """Group the clips of one folder into takes, and add to `left_out` why a clip was left out.
+def _of_one_folder(clips: list[Clip], notes: list[str]) -> list[Shoot]:
+    """Group the clips of one folder into takes, and add to `notes` why a clip was left out.
 
     Group them by recording time if that gives several takes, otherwise by names such as cam1_take2. If
     neither works, all clips are one take.
@@ -125,10 +251,10 @@ def _of_one_folder(clips: list[Clip], left_out: list[str], talk: Talk, heard: He
     several = [group for group in groups if len(group) > 1]
     dated = all(clip.began_s is not None for clip in clips)
     if several and len(several) < len(groups) and dated and (cameras := _by_counters(clips)):
-        return _of_cameras(cameras, left_out, talk, heard)
+        return _of_cameras(cameras, notes)
     if len(several) > 1 and dated:
-        left_out += [
-            f"{clip.path.name}: by its date, nothing was taken with it"
+        notes += [
+            f"left out {clip.path.name}: by its date, nothing was taken with it"
             for clip, *others in groups
             if not others
         ]
@@ -138,9 +264,9 @@ def _of_one_folder(clips: list[Clip], left_out: list[str], talk: Talk, heard: He
         for clip in (group[0] for group in groups if len(group) == 1):
             longer = max(clip.seconds, typical_s) > _MAX_LENGTH_RATIO * min(clip.seconds, typical_s)
             if clip.began_s is not None and longer:
-                left_out.append(f"{clip.path.name}: of another date and another length")
+                notes.append(f"left out {clip.path.name}: of another date and another length")
                 clips = [other for other in clips if other is not clip]
-    return _by_names(clips, left_out) or [_shoot("", clips)]
+    return _by_names(clips, notes) or [_shoot("", clips)]
 
 
 def _by_date(clips: Sequence[Clip]) -> list[list[Clip]]:
@@ -163,7 +289,7 @@ def _by_counters(clips: Sequence[Clip]) -> dict[str, list[Clip]]:
     return cameras if counted and min(map(len, cameras.values())) > 1 < len(cameras) else {}
 
 
-def _by_names(clips: Sequence[Clip], left_out: list[str]) -> list[Shoot]:
+def _by_names(clips: Sequence[Clip], notes: list[str]) -> list[Shoot]:
     """Group clips whose two-part names form a grid of cameras and takes; none if they do not.
 
     A grid with gaps must have one part that names takes, and one take of all cameras.
@@ -177,8 +303,8 @@ def _by_names(clips: Sequence[Clip], left_out: list[str]) -> list[Shoot]:
         for own_words, clip in zip(words, clips, strict=True)
     }
     parts = [sorted({pair[k] for pair in grid}, key=natural_order) for k in (0, 1)]
-    named = [_are_takes(part) for part in parts]
-    takes = 0 if named[0] and not named[1] else 1
+    named = [_take_words(part) for part in parts]
+    takes = 0 if named[0] > named[1] else 1
     shoots: list[Shoot] = [
         (
             take,
@@ -190,8 +316,8 @@ def _by_names(clips: Sequence[Clip], left_out: list[str]) -> list[Shoot]:
     gaps = len(clips) < len(parts[0]) * len(parts[1])
     if len(grid) < len(clips) or (gaps and (named[0] == named[1] or not whole)):
         return []
-    left_out += [
-        f"{clip.path.name}: nothing was taken with it"
+    notes += [
+        f"left out {clip.path.name}: nothing was taken with it"
         for _, shoot in shoots
         for clip in shoot.values()
         if len(shoot) < 2 < len(clips)
@@ -199,42 +325,36 @@ def _by_names(clips: Sequence[Clip], left_out: list[str]) -> list[Shoot]:
     return [(take, shoot) for take, shoot in shoots if len(shoot) > 1] or shoots
 
 
-def _are_takes(names: Sequence[str]) -> bool:
+def _take_words(names: Iterable[str]) -> int:
+    """Return 1 if words are those of takes, -1 if of cameras, 0 if of neither."""
     text = " ".join(names).lower()
-    return _TAKE.search(text) is not None and _CAMERA.search(text) is None
+    return -1 if CAMERA.search(text) else int(_TAKE.search(text) is not None)
 
 
-def _of_folders(
-    inner: Mapping[Path, list[Clip]], left_out: list[str], talk: Talk, heard: Heard
-) -> list[Shoot]:
+def _of_folders(inner: Mapping[Path, list[Clip]], notes: list[str]) -> list[Shoot]:
     within = any(first.together(other) for clips in inner.values() for first, other in combinations(clips, 2))
-    stems = {clip.path.stem for clips in inner.values() for clip in clips}
-    named = _are_takes([path.name for path in inner]) or (
-        _CAMERA.search(" ".join(stems).lower()) is not None
-        and _CAMERA.search(" ".join(path.name for path in inner).lower()) is None
-    )
+    of_clips = _take_words(clip.path.stem for clips in inner.values() for clip in clips)
+    of_folders = _take_words(path.name for path in inner)
+    named = of_folders > 0 or of_clips < of_folders == 0
     if within or (named and all(len(clips) > 1 for clips in inner.values())):
         return [_shoot(path.name, clips) for path, clips in inner.items()]
     cameras = {name_like(path.name, f"cam{n}"): clips for n, (path, clips) in enumerate(inner.items())}
     if all(len(clips) == 1 for clips in cameras.values()):
         return [("", {name: clips[0] for name, clips in cameras.items()})]
-    return _of_cameras(cameras, left_out, talk, heard)
+    return _of_cameras(cameras, notes)
 
 
-def _of_cameras(
-    cameras: Mapping[str, Sequence[Clip]], left_out: list[str], talk: Talk, heard: Heard
-) -> list[Shoot]:
+def _of_cameras(cameras: Mapping[str, Sequence[Clip]], notes: list[str]) -> list[Shoot]:
     """Group the clips of cameras into takes with the camera that has the most."""
     first = max(cameras, key=lambda name: len(cameras[name]))
     keys = take_keys(cameras)
     takes = {clip: {first: clip} for clip in cameras[first]}
     for name, clips in cameras.items():
         if name != first:
-            pairs, note = pair_clips((first, name), cameras[first], clips, heard, keys)
+            pairs, note = pair_clips((first, name), cameras[first], clips, heard_together, keys)
             for one, other in pairs:
                 takes[one][name] = other
-            if note:
-                talk(note)
+            notes += filter(None, [note])
     paired = {clip for take in takes.values() if len(take) > 1 for clip in take.values()}
     # Takes that the camera with the most clips lacks.
     rest: dict[Key, dict[str, Clip]] = {}
@@ -249,7 +369,9 @@ def _of_cameras(
     ]
     taken = {clip.path for _, shoot in shoots for clip in shoot.values()}
     left = [clip for clips in cameras.values() for clip in clips if clip.path not in taken]
-    left_out += [f"{clip.path.parent.name}/{clip.path.name}: nothing was taken with it" for clip in left]
+    notes += [
+        f"left out {clip.path.parent.name}/{clip.path.name}: nothing was taken with it" for clip in left
+    ]
     return shoots
 
 
@@ -257,3 +379,12 @@ def _shoot(name: str, clips: Sequence[Clip]) -> Shoot:
     names = [name_like(clip.path.stem, f"cam{number}") for number, clip in enumerate(clips)]
     unique = [own if names.count(own) == 1 else f"{own}-{n}" for n, own in enumerate(names)]
     return name_like(name, ""), dict(zip(unique, clips, strict=True))
+
+
+def heard_together(one: Path, other: Path) -> bool:
+    """Return whether two videos have the same sound, at any offset; False without the method `sound`."""
+    try:
+        (method,) = alignment_methods("sound").values()
+        return method.match(method.read(one, 0.0), method.read(other, 0.0), 0.0).offset_ns is not None
+    except (BadInputError, NotAvailableError):
+        return False

@@ -12,6 +12,7 @@ from capture_app.common.bounds import CENTURY_NS
 from capture_app.common.errors import BadInputError
 from capture_app.common.instants import is_same_instant
 from capture_app.common.text import Talk, count
+from capture_app.session.format.common_times import CameraTimes, CommonTimes
 
 LONE_PERIOD_NS = 33_333_333
 """Period that is assumed if every camera has only one frame."""
@@ -20,6 +21,11 @@ MAX_GAP_NS = 1_000_000_000
 """Maximum time between the end of one camera and the beginning of another in one recording."""
 OTHER_RATE = 1.1
 """Minimum ratio of frame periods for which one camera is slower. Below it, one lost frames, or drifts."""
+MIN_STEPS = 5
+REGULAR = 0.25
+"""Maximum relative difference of an interval from the median that counts as regular."""
+MIN_REGULAR = 0.7
+"""Minimum fraction of regular intervals for a recording to have a rate at all."""
 _CORRECT = "correct these times, or give the rate instead: --fps"
 
 
@@ -161,13 +167,11 @@ def _group(frames: Sequence[tuple[int, str, TimedFrame]], period_ns: int) -> lis
     return groups
 
 
-def trim(timeline: Timeline, talk: Talk) -> Timeline:
-    """Return the part of a timeline in which all cameras run, at the rate of the slowest."""
+def trim(timeline: Timeline) -> tuple[Timeline, str]:
+    """Return the part of a timeline in which all cameras run, at the slowest rate, and a note."""
     said: list[str] = []
     timeline = at_slowest_rate(overlap(timeline, said.append), said.append)
-    if said:
-        talk("; ".join(said))
-    return timeline
+    return timeline, "; ".join(said)
 
 
 def overlap(timeline: Timeline, talk: Talk) -> Timeline:
@@ -234,3 +238,73 @@ def _with_nearest(instant: Instant, cameras: Mapping[str, Sequence[TimedFrame]],
         frames=frames,
         why_missing={name: why for name, why in instant.why_missing.items() if name not in frames},
     )
+
+
+@dataclass(frozen=True, slots=True)
+class Times:
+    """Times of a recording's frames, and what is known of them; `common` is None for a single camera."""
+
+    timeline: Timeline
+    common: CommonTimes | None
+    by_rate: bool
+    """Whether a rate gives the times, instead of the frames' own ones."""
+    notes: Sequence[str] = ()
+
+
+def with_common_times(timeline: Timeline, common: CommonTimes) -> Timeline:
+    """Return a timeline of the cameras with common times, converted to these and matched again."""
+    cameras = {
+        name: [_at_common_time(frame, common.cameras[name]) for frame in frames]
+        for name, frames in timeline.cameras().items()
+        if name in common.cameras
+    }
+    return timeline_by_times("the recording", cameras)
+
+
+def _at_common_time(frame: TimedFrame, times: CameraTimes) -> TimedFrame:
+    own_ns = frame.leader_ns if frame.local_ns is None else frame.local_ns
+    further = {**frame.further, "uncertainty_ns": times.uncertainty_at_ns(own_ns)}
+    return replace(frame, leader_ns=times.leader_from_local(own_ns), local_ns=own_ns, further=further)
+
+
+def describe_times(times_ns: Sequence[int]) -> str:
+    """Describe the frames that are missing or came twice by ascending times (ns); "" if there are none."""
+    steps_ns = [after - before for before, after in pairwise(times_ns)]
+    period_ns = statistics.median(steps_ns) if len(steps_ns) >= MIN_STEPS else 0
+    if not period_ns:
+        return ""
+    regular = sum(abs(step - period_ns) <= REGULAR * period_ns for step in steps_ns) / len(steps_ns)
+    if regular < MIN_REGULAR:
+        return ""
+
+    def describe(what: str, found: Mapping[int, int]) -> str:
+        frame, total = min(found), sum(found.values())
+        frames = f"{count(total, 'frame')} {'is' if total == 1 else 'are'} {what}"
+        places = "" if len(found) == 1 else f" in {len(found)} places, the first"
+        at_s, step_ms = (times_ns[frame] - times_ns[0]) / 1e9, steps_ns[frame] / 1e6
+        interval = f"{step_ms:.1f} ms pass instead of {period_ns / 1e6:.1f}"
+        return f"{frames}{places} after frame {frame} ({at_s:.2f} s), where {interval}"
+
+    extra = find_extra_steps(steps_ns, period_ns)
+    missing = {frame: frames for frame, frames in extra.items() if frames > 0}
+    doubled = {frame: -frames for frame, frames in extra.items() if frames < 0}
+    return "; ".join(
+        describe(what, instants)
+        for what, instants in (("missing", missing), ("doubled", doubled))
+        if instants
+    )
+
+
+def find_extra_steps(steps_ns: Sequence[int], period_ns: float) -> dict[int, int]:
+    """Return how many frames are missing after a frame (negative: too many) by its number, from intervals.
+
+    A late or early frame, whose next one is on time, is none of them: neighbouring intervals make up for it.
+    """
+    gaps: dict[int, int] = {}
+    for number, step_ns in enumerate(steps_ns):
+        extra = round(step_ns / period_ns) - 1
+        if extra * gaps.get(number - 1, 0) < 0:
+            extra += gaps.pop(number - 1)
+        if extra:
+            gaps[number] = extra
+    return gaps

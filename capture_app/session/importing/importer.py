@@ -18,12 +18,13 @@ from capture_app.common.names import is_name, name_like, natural_order
 from capture_app.common.plugins import load_plugins
 from capture_app.common.text import count
 from capture_app.session.format.manifest import IMAGE_SUFFIXES
-from capture_app.session.importing.folder_tree import folders_below, image_cameras
 from capture_app.session.importing.recording_sources import (
     ARCHIVE_SUFFIXES,
+    CAMERA,
     Layout,
     Source,
     Video,
+    folders_below,
     image_folder,
     images_in,
     videos_in,
@@ -31,6 +32,9 @@ from capture_app.session.importing.recording_sources import (
 from capture_app.session.importing.views import Views
 
 GROUP = "simulshot.importers"
+_DATE = re.compile(r"(19|20)\d{6}")
+_Camera = tuple[str, Path, list[Path]]
+"""Name and path of a camera, and its image files if the folder has those of other cameras."""
 
 
 def _cannot_open(name: str, path: Path, *, png: bool, recording: str | None) -> Source:
@@ -50,11 +54,10 @@ class Importer:
     open_recording: Callable[..., Layout | None] = lambda path, *, png, recording: None
     """`open_recording(path, png=, recording=)`: open a recording; None if it is not the program's.
 
-    `png`: store frames of videos as PNG. `recording`: name of one of several. Raises BadInputError if there
-    are several and none is named.
+    `png`: store frames of videos as PNG. `recording`: one of `recordings_in`, or None if there are none.
     """
     recordings_in: Callable[[Path], Sequence[str]] = lambda folder: ()
-    """Return the names of the recordings in a folder with several."""
+    """Return the names of the recordings in a folder that may have several."""
     is_camera: Callable[[Path], bool] = lambda path: False
     """Return whether a path is one camera with times in the program's own format."""
     open_camera: Callable[..., Source] = _cannot_open
@@ -107,7 +110,7 @@ def open_sources(paths: Sequence[str], *, png: bool = False, recording: str | No
     `recording` selects one of several recordings of each camera. Raises BadInputError for missing, empty,
     duplicate or badly named cameras.
     """
-    cameras: list[tuple[str, Path]] = []
+    cameras: list[_Camera] = []
     for text in paths:
         name, path = split_name(text)
         if not path.exists():
@@ -116,15 +119,15 @@ def open_sources(paths: Sequence[str], *, png: bool = False, recording: str | No
             cameras += _cameras_in(path)
         else:
             own = path.resolve().name if path.is_dir() else path.stem
-            cameras.append((name or name_like(own, "cam0"), path))
+            cameras.append((name or name_like(own, "cam0"), path, []))
     if not cameras:
         raise BadInputError("nothing to import", hint="give a folder, or NAME=PATH for each camera")
-    [(name, times)] = Counter(name for name, _ in cameras).most_common(1)
+    [(name, times)] = Counter(name for name, *_ in cameras).most_common(1)
     if times > 1:
         raise BadInputError(f"two cameras are named {name}", hint="name them: NAME=PATH")
     return [
-        _source(name, path, png, recording)
-        for name, path in sorted(cameras, key=lambda one: natural_order(one[0]))
+        image_folder(name, path, files) if files else _source(name, path, png, recording)
+        for name, path, files in sorted(cameras, key=lambda one: natural_order(one[0]))
     ]
 
 
@@ -140,29 +143,27 @@ def split_name(text: str) -> tuple[str, Path]:
     return name if named else "", path
 
 
-def _flat_images(folder: Path, images: Sequence[Path]) -> BadInputError:
-    """Return the error for images without folders, with the commands that import them by their names."""
-    parted = [re.fullmatch(r"(.*?)[_\-. ]?(\d+)[_\-. ]?(\D*)", path.stem) for path in images]
-    labels = Counter((recording[1], recording[3]) for recording in parted if recording is not None)
-    ending = images[0].suffix
-    # Longer names first: cam10 also begins with cam1.
-    by_length = sorted(labels, key=lambda label: len(label[0] or label[1]), reverse=True)
-    cameras = {
-        before or after: f"{before}*{ending}" if before else f"*{after}{ending}"
-        for before, after in by_length
-        if is_name(before or after)
-    }
-    what, at = f"{folder} has {count(len(images), 'image')}", shlex.quote(str(folder))
-    if not 2 <= len(cameras) == len(labels) or sum(labels.values()) < len(images):
-        return BadInputError(
-            f"{what} of one camera", hint=f"capture-app sessions import cam0={at} --fps RATE"
-        )
-    moves = " && ".join(f"mv {pattern} {name}/" for name, pattern in cameras.items())
-    return BadInputError(
-        f"{what} of {len(cameras)} cameras by their names: {', '.join(cameras)}",
-        hint=f"put each camera's into a folder: cd {at} && mkdir {' '.join(cameras)} && {moves}; "
-        f"then: capture-app sessions import {at} --fps RATE",
-    )
+def _by_label(images: Sequence[Path]) -> dict[str, list[Path]]:
+    """Return a folder's images by the camera that their names have beside a number; none if they have one.
+
+    Cameras have a word and several images each, and share most numbers; other names count within a second.
+    """
+    parted = {path: re.fullmatch(r"(.*?)[_\-. ]?(\d+)[_\-. ]?(\D*)", path.stem) for path in images}
+    words = {path: (match[1], match[3], int(match[2])) for path, match in parted.items() if match}
+    varying = [k for k in (0, 1) if len({of[k] for of in words.values()}) > 1]
+    cameras: dict[str, dict[int, Path]] = {}
+    for path, of in words.items():
+        cameras.setdefault("-".join(str(of[k]) for k in varying if of[k]), {})[of[2]] = path
+    counts = [len(numbered) for numbered in cameras.values()]
+    named = all(is_name(name) and re.search("[A-Za-z]", name) for name in cameras)
+    dated = any(_DATE.search(name) for name in cameras)
+    # Of two numbers, the one of fewer values is the camera's: with as many, they do not tell.
+    by_number = len({re.sub(r"\d+", "", name) for name in cameras}) == 1
+    swapped = by_number and len(counts) >= min(counts) and not any(map(CAMERA.search, cameras))
+    told = sum(counts) == len(images) and len(counts) > 1 < min(counts) and named
+    if not told or dated or swapped or 2 * len(set.intersection(*map(set, cameras.values()))) < min(counts):
+        return {}
+    return {name: list(numbered.values()) for name, numbered in cameras.items()}
 
 
 def _archive(path: Path) -> BadInputError:
@@ -201,13 +202,27 @@ def _camera_below(folder: Path) -> Path:
     return places[0] if places else folder
 
 
-def _cameras_in(folder: Path) -> list[tuple[str, Path]]:
+def _cameras_in(folder: Path) -> list[_Camera]:
     videos = videos_in(folder)
-    folders = {path: path.name for path in folder.iterdir() if path.is_dir() and camera_importer(path)}
-    folders = folders or image_cameras(folder)
+    recorded = {path: path.name for path in folder.iterdir() if path.is_dir() and camera_importer(path)}
+    folders = recorded or image_cameras(folder)
+    places = () if recorded or videos else folders or [folder]
+    flat = {place: cameras for place in places if (cameras := _by_label(images_in(place)))}
+    if 1 < len(folders) == len(flat) and len({tuple(sorted(cameras)) for cameras in flat.values()}) == 1:
+        raise BadInputError(
+            f"{folder} has folders with images of several cameras: {', '.join(map(str, flat))}",
+            hint=f"import one at a time: capture-app sessions import {shlex.quote(str(next(iter(flat))))}",
+        )
+    if flat and len(folders) < 2:
+        ((place, cameras),) = flat.items()
+        return [(name, place, files) for name, files in cameras.items()]
     if not videos and not folders:
         if images := images_in(folder):
-            raise _flat_images(folder, images)
+            raise BadInputError(
+                f"{folder} has {count(len(images), 'image')}, whose names tell no cameras apart",
+                hint="put each camera's into a folder; or as one camera: capture-app sessions import "
+                f"cam0={shlex.quote(str(folder))} --fps RATE",
+            )
         if archives := sorted(path for path in folder.iterdir() if path.suffix.lower() in ARCHIVE_SUFFIXES):
             raise _archive(archives[0])
         raise BadInputError(
@@ -216,4 +231,22 @@ def _cameras_in(folder: Path) -> list[tuple[str, Path]]:
     if videos and folders:
         raise BadInputError(f"{folder} has both videos and folders of images", hint="name them: NAME=PATH")
     named = [(path.stem, path) for path in videos] + [(name, path) for path, name in folders.items()]
-    return [(name_like(name, f"cam{number}"), path) for number, (name, path) in enumerate(named)]
+    return [(name_like(name, f"cam{number}"), path, []) for number, (name, path) in enumerate(named)]
+
+
+def image_cameras(folder: Path) -> dict[Path, str]:
+    """Return the folders of images below a folder, each with its camera's part of the path.
+
+    Raises BadInputError if no part of the paths tells all cameras apart, as in a folder of several takes.
+    """
+    paths = [path for path in folders_below(folder) if path != folder and images_in(path)]
+    parts = [path.relative_to(folder).parts for path in paths]
+    columns = [[own[k] for own in parts] for k in range(min(map(len, parts), default=0))]
+    telling = next((column for column in columns if len(set(column)) == len(parts)), None)
+    if paths and telling is None:
+        some = ", ".join("/".join(own) for own in parts[:3])
+        raise BadInputError(
+            f"{folder} has {count(len(paths), 'folder')} of images, of several takes or kinds: {some} ...",
+            hint="import one take at a time, or name the cameras: NAME=PATH",
+        )
+    return dict(zip(paths, telling or (), strict=True))

@@ -10,8 +10,12 @@ from capture_app.session.alignment.clock_line import compose
 from capture_app.session.files.output_folder import OutputFolder
 from capture_app.session.format.common_times import REFERENCE, CameraTimes, CommonTimes
 from capture_app.session.format.manifest import ImageRecord
-from capture_app.session.importing.aligning import with_common_times
-from capture_app.session.importing.frame_matching import TimedFrame, Timeline, timeline_by_times
+from capture_app.session.importing.frame_matching import (
+    TimedFrame,
+    Timeline,
+    timeline_by_times,
+    with_common_times,
+)
 from capture_app.session.importing.recording import missing_images
 from capture_app.session.reading.reader import Session
 from capture_app.session.writing.session_writer import SessionWriter

@@ -3,7 +3,8 @@
 An export of one of our sessions retains that session's records.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from itertools import groupby
 from operator import itemgetter
 from pathlib import Path
@@ -17,18 +18,28 @@ from capture_app.common.text import Progress, Talk, count
 from capture_app.session.files.output_folder import OutputFolder, replaces_nothing
 from capture_app.session.format.common_times import CommonTimes
 from capture_app.session.format.manifest import BurstRecord, CameraRecord, Manifest, MissingImage
-from capture_app.session.importing.aligning import align_times
-from capture_app.session.importing.calibrations import choose_calibration, choose_views
-from capture_app.session.importing.folders import find_recordings, open_recording
+from capture_app.session.importing.aligning import AlignmentOptions, align_times, split_views
+from capture_app.session.importing.calibrations import ViewOptions, choose_calibration
+from capture_app.session.importing.found import FindOptions, describe_equal, find_recordings
 from capture_app.session.importing.frame_matching import Instant, Timeline
-from capture_app.session.importing.import_options import ImportOptions
-from capture_app.session.importing.recording_sources import Layout, Source
-from capture_app.session.importing.times.rules import make_times
+from capture_app.session.importing.recording_sources import Layout, Source, holds_two_views
+from capture_app.session.importing.times.rules import TimeOptions, make_times
 from capture_app.session.reading.reader import Session
 from capture_app.session.writing.session_writer import SessionWriter
 
 IMPORTED = "imported"
 _NO_FRAME, _UNREADABLE = "the recording has no frame of it", "the frame could not be decoded"
+
+
+@dataclass(frozen=True, kw_only=True)
+class ImportOptions(FindOptions, TimeOptions, AlignmentOptions, ViewOptions):
+    """All options of an import: those of each stage, and which instants are written."""
+
+    start: int = 0
+    """First instant to import, counted from 0."""
+    count: int | None = None
+    every: int = 1
+    note: str = ""
 
 
 def import_found(
@@ -39,55 +50,48 @@ def import_found(
     progress: Progress = lambda done, total: None,
     talk: Talk = lambda said: None,
 ) -> list[Session]:
-    """Write a session for each recording that is found; in an arbitrary folder, for each take.
+    """Write root/name from `NAME=PATH` cameras or a folder: a session for each recording or take in it.
 
-    Raises as `import_recording` does.
+    Raises BadInputError for unusable input; then no session remains of it.
     """
     check_name(name, "session")
-    found = find_recordings(paths, options, talk)
-    several = len(found) > 1
+    found, notes = find_recordings(paths, options, states_times=options.states_times)
+    _say(notes, talk)
     return [
-        write_recording(layout, root, f"{name}-{take}" if several and take else name, options, progress, talk)
-        for take, layout in found
+        _import(
+            one,
+            root / (f"{name}-{one.take}" if one.take and len(found) > 1 else name),
+            options,
+            progress,
+            talk,
+        )
+        for one in found
     ]
 
 
-def import_recording(
-    paths: Sequence[str],
-    root: Path,
-    name: str,
-    options: ImportOptions,
-    progress: Progress = lambda done, total: None,
-    talk: Talk = lambda said: None,
-) -> Session:
-    """Write the session root/name from `NAME=PATH` cameras or one folder of them.
-
-    Raises BadInputError for unusable input; then no session remains.
-    """
-    check_name(name, "session")
-    return write_recording(open_recording(paths, options, talk), root, name, options, progress, talk)
-
-
-def write_recording(
-    layout: Layout, root: Path, name: str, options: ImportOptions, progress: Progress, talk: Talk
-) -> Session:
-    """Write the session root/name from a recording: its times, views, alignment and images.
-
-    Raises BadInputError for unusable input; then no session remains.
-    """
-    times = make_times(layout, options, talk)
-    aligned = align_times(layout.sources, times, options, talk)
-    instants = _chosen(aligned.timeline, options)
-    sources, names = aligned.sources, [source.name for source in aligned.sources]
-    views = choose_views(layout, options, names)
+def _import(found: Layout, folder: Path, options: ImportOptions, progress: Progress, talk: Talk) -> Session:
+    """Write a session from what was found: its times, their alignment, its calibration and its images."""
+    of_sources = (note for source in found.sources for note in source.notes)
+    _say((*found.notes, *of_sources, *describe_equal(found.sources)), talk)
+    times = make_times(found, options)
+    _say(times.notes, talk)
+    aligned = align_times(found.sources, times, options)
+    _say(aligned.notes, talk)
+    if options.split:
+        aligned = split_views(aligned)
+    elif len(found.sources) == 1 and holds_two_views(found.sources[0]):
+        talk("each picture may hold two views of one instant: if so, import again with --split side-by-side")
+    instants, sources = _chosen(aligned.timeline, options), aligned.sources
+    names = [source.name for source in sources]
+    calibration, notes = choose_calibration(found, names, lambda: _sizes(sources, instants), options)
+    _say(notes, talk)
     # Times other than its own would contradict the rest of an exported session's record.
-    own = layout.record is not None and times.timeline is layout.timeline
-    taken = layout.record.manifest if layout.record and own else None
+    own = found.record is not None and times.timeline is found.timeline
+    taken = found.record.manifest if found.record and own else None
     with (
-        OutputFolder(root / name, replaces_nothing) as output,
-        SessionWriter(output.folder, name, taken.created if taken else "") as writer,
+        OutputFolder(folder, replaces_nothing) as output,
+        SessionWriter(output.folder, folder.name, taken.created if taken else "") as writer,
     ):
-        calibration = choose_calibration(layout, views, lambda: _sizes(sources, instants), options, talk)
         own_times = aligned.common is not None and aligned.common.unknown
         sizes = _write_images(
             writer, sources, instants, options.uncertainty_ms, progress, own_times=own_times
@@ -101,7 +105,12 @@ def write_recording(
             _origin_of(writer, instants, taken),
             options.note or (taken.note if taken else ""),
         )
-    return Session.open(root / name)
+    return Session.open(folder)
+
+
+def _say(notes: Iterable[str], talk: Talk) -> None:
+    for note in notes:
+        talk(note)
 
 
 def _chosen(timeline: Timeline, options: ImportOptions) -> Sequence[Instant]:

@@ -4,27 +4,25 @@ import re
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from itertools import takewhile
 from pathlib import Path
 
 from capture_app.common.errors import BadInputError, reading
 from capture_app.common.names import natural_order
 from capture_app.common.text import count
+from capture_app.session.files.untrusted_files import read_input, rejecting
 from capture_app.session.format.export_record import ExportRecord
 from capture_app.session.format.manifest import IMAGE_SUFFIXES
-from capture_app.session.importing.embedded_times import (
-    DAMAGED,
-    describe_video,
-    video_pictures,
-    video_times_ns,
-)
 from capture_app.session.importing.frame_matching import TimedFrame, Timeline
-from capture_app.session.importing.name_numbers import Numbers, numbers_in
+from capture_app.session.importing.video_tracks import DAMAGED, describe_video, video_pictures, video_times_ns
 from capture_app.session.importing.views import Views
 from capture_app.session.reading.decoding import (
+    decode_image,
     decode_turned,
     encode_image,
     image_size,
+    read_exif,
 )
 
 VIDEO_SUFFIXES = (
@@ -32,9 +30,28 @@ VIDEO_SUFFIXES = (
     *(".mjpg", ".mjpeg", ".mpg", ".mpeg", ".h264", ".264", ".mts", ".m2ts", ".ts"),
 )
 ARCHIVE_SUFFIXES = (".zip", ".tar", ".gz", ".tgz", ".7z", ".rar")
+MAX_DEPTH = 12
+"""Maximum folder depth of a search, such as CAMERA/DCIM/100GOPRO."""
+Numbers = tuple[int, ...]
+"""All numbers in a name, in order."""
+CAMERA = re.compile(
+    r"cam|left|right|front|back|side|top|view|gopro|phone|pixel|ipad|galaxy|canon|sony|angle", re.IGNORECASE
+)
+"""Words in the names of cameras."""
 _FIRST_CHAPTER = re.compile(r"(?P<kind>G[XH])01(?P<number>\d{4})|GOPR(?P<old>\d{4})")
+_DATE = re.compile(
+    r"((?:19|20)\d{2})[-_.:]?(\d{2})[-_.:]?(\d{2})[-_.T ]?(\d{2})[-_.:h]?(\d{2})[-_.:m]?(\d{2})"
+    # One or two digits after a dash are a counter within the second.
+    r"(?:[.,]|[-_]?(?=\d{3}))?(\d*)"
+)
+_EPOCH = re.compile(r"(?<!\d)([1-9]\d*)(?:(?:\.|[_-](?=\d{6}(?!\d)|\d{9}(?!\d)))(\d+))?(?!\d)")
+_EPOCH_NS = {10: 9, 13: 6, 16: 3, 19: 0}
+"""Number of digits of a Unix time, and the power of ten that converts it to ns."""
+_OTHER_TIMES = "take the times from elsewhere: --times name, --timestamps CSV or --fps RATE"
 TURNED_QUALITY = 98
 """JPEG quality of images encoded a second time after rotation."""
+WIDE, ALIKE = 2.4, 0.5
+"""Aspect and correlation of pictures of two views: 0.48 to 0.99 in 20 real pairs, up to 0.43 in 57 others."""
 FOLDER = "images"
 """Type name of a plain folder of images."""
 
@@ -45,8 +62,8 @@ class Source(ABC):
     name: str
     path: Path
     kind: str
-    note: str = ""
-    """What its files hold that the user may not expect, noted when they are opened."""
+    notes: Sequence[str] = ()
+    """What its files hold that the user may not expect."""
     suffix: str
     """Suffix of the image files whose bytes `frames` yields."""
     numbers: Sequence[int]
@@ -99,12 +116,12 @@ class Images(Source):
             yield index, data, size
 
 
-def image_folder(name: str, path: Path) -> Images:
-    """Open a folder of image files in natural order, or one image; EXIF rotations are applied.
+def image_folder(name: str, path: Path, some: Sequence[Path] = ()) -> Images:
+    """Open a folder of image files in natural order, `some` of them, or one image, and apply EXIF rotations.
 
     Raises BadInputError if there are no images, or several types of them.
     """
-    files = [path] if path.is_file() else images_in(path)
+    files = list(some) or ([path] if path.is_file() else images_in(path))
     files.sort(key=lambda file: natural_order(file.name))
     if not files:
         raise BadInputError(
@@ -116,16 +133,17 @@ def image_folder(name: str, path: Path) -> Images:
     source = Images(name, path, files, FOLDER, read=lambda file: upright(file.read_bytes(), file.suffix))
     # The number in a single image's name may be its camera's or its time's.
     source.name_numbers = [numbers_in(file.stem) for file in files] if path.is_dir() else ()
-    source.note = _describe_links(files)
+    source.notes = _describe_links(files)
+    if some:
+        source.notes.append(f"{name}: {count(len(files), 'image')} of {path}, such as {files[0].name}")
     return source
 
 
-def _describe_links(files: Sequence[Path]) -> str:
-    """Return a note about the files that are links out of their folder, whose targets are read; or ''."""
+def _describe_links(files: Sequence[Path]) -> list[str]:
+    """Return a note about the files that are links out of their folder, whose targets are read; or none."""
     away = [file for file in files if file.is_symlink() and file.resolve().parent != file.parent.resolve()]
-    if not away:
-        return ""
-    return f"{count(len(away), 'link')} out of the folder followed, such as {away[0]} to {away[0].resolve()}"
+    followed = f"{count(len(away), 'link')} out of the folder followed"
+    return [f"{followed}, such as {file} to {file.resolve()}" for file in away[:1]]
 
 
 def upright(data: bytes, suffix: str) -> bytes:
@@ -135,6 +153,37 @@ def upright(data: bytes, suffix: str) -> bytes:
     """
     image = decode_turned(data)
     return data if image is None else encode_image(image, suffix.lower(), quality=TURNED_QUALITY)
+
+
+class Half(Source):
+    """One of two views that lie side by side in each picture of a camera; a middle column is left out."""
+
+    def __init__(self, whole: Source, name: str, *, right: bool) -> None:
+        self.name, self.path, self.kind, self.suffix = name, whole.path, whole.kind, whole.suffix
+        self.numbers, self.name_numbers = whole.numbers, whole.name_numbers
+        self._whole, self._right = whole, right
+
+    def frames(self, indices: Sequence[int]) -> Iterator[tuple[int, bytes, tuple[int, int]]]:
+        """See `Source.frames`."""
+        for index, data, (width, height) in self._whole.frames(indices):
+            half = width // 2
+            if (image := decode_image(data, colour=True)) is None:
+                raise BadInputError(f"frame {index} of {self.path} cannot be decoded", hint=DAMAGED)
+            view = image[:, width - half :] if self._right else image[:, :half]
+            yield index, encode_image(view, self.suffix, quality=TURNED_QUALITY), (half, height)
+
+
+def holds_two_views(source: Source) -> bool:
+    """Return whether a camera's first picture is wide, and its right half repeats what the left one shows."""
+    import cv2
+
+    for _, data, (width, height) in source.frames([0]):
+        image = decode_image(data, colour=True) if width >= WIDE * height else None
+        if image is not None:
+            small = cv2.resize(image, (128, 48), interpolation=cv2.INTER_AREA)
+            found = cv2.matchTemplate(small[:, 64:], small[4:-4, 8:56], cv2.TM_CCOEFF_NORMED)
+            return float(found.max()) > ALIKE
+    return False
 
 
 class Video(Source):
@@ -157,10 +206,10 @@ class Video(Source):
         self.numbers = range(sum(map(len, self._times_ns.values())))
         # The first frames of all videos belong together unless a table says otherwise.
         self.name_numbers = [(number,) for number in self.numbers]
-        self.fps, note = describe_video(path)
+        self.fps, notes = describe_video(path)
         later = ", ".join(chapter.name for chapter in chapters[1:])
-        goes_on = later and f"{path.name} goes on in {later}"
-        self.note = "; ".join(filter(None, (note, goes_on, _describe_links(chapters))))
+        goes_on = [f"{path.name} goes on in {later}"] if later else []
+        self.notes = (*notes, *goes_on, *_describe_links(chapters))
         if not self.numbers:
             raise BadInputError(f"no frame of {path} can be decoded", hint=DAMAGED)
 
@@ -227,6 +276,62 @@ def images_in(folder: Path) -> list[Path]:
     ]
 
 
+def folders_below(
+    folder: Path, depth: int = MAX_DEPTH, seen: frozenset[Path] = frozenset()
+) -> Iterator[Path]:
+    """Yield a folder and all below it in order, without hidden ones, and each only once along links."""
+    # A link that leads in a circle is no folder, and has no real path.
+    if not folder.is_dir() or folder.name.startswith(".") or not depth:
+        return
+    if (own := folder.resolve()) in seen:
+        return
+    yield folder
+    for path in sorted(folder.iterdir(), key=lambda path: natural_order(path.name)):
+        yield from folders_below(path, depth - 1, seen | {own})
+
+
+def numbers_in(name: str) -> Numbers:
+    """Return the numbers in a name."""
+    return tuple(map(int, re.findall(r"\d+", name)))
+
+
+def name_time_ns(path: Path) -> int:
+    """Return the time in a file's name, ns: a date and time with a fraction, or digits of a Unix time.
+
+    Examples: IMG_20260131_142530_123, 2026-01-31T14-25-30.123456, or 10, 13, 16 or 19 digits of s, ms, us or
+    ns, with a fraction after a point. Digits that begin with 0 are a frame's number. Raises BadInputError if
+    there is none.
+    """
+    for digits, fraction in _EPOCH.findall(path.stem):
+        if (places := _EPOCH_NS.get(len(digits))) is not None:
+            return int(digits + fraction[:places].ljust(places, "0"))
+    if (match := _DATE.search(path.stem)) is None:
+        raise BadInputError(
+            f"the name of {path} has no time", hint="such as IMG_20260131_142530_123.jpg, or ns since 1970"
+        )
+    return _date_ns(path, match, match[7])
+
+
+def exif_time_ns(path: Path) -> int:
+    """Return a JPEG's capture time in EXIF, ns. Raises BadInputError if there is none."""
+    with rejecting(f"the EXIF of {path} is broken", ValueError, hint=_OTHER_TIMES):
+        exif = read_exif(read_input(path))
+    if (match := _DATE.search(exif.date)) is None:
+        raise BadInputError(f"{path} has no EXIF that says when it was taken", hint=_OTHER_TIMES)
+    part = exif.part_of_second.strip()
+    if part and not (part.isascii() and part.isdigit()):
+        raise BadInputError(
+            f"{path}: SubSecTimeOriginal in its EXIF is {part!r}, which is not a number", hint=_OTHER_TIMES
+        )
+    return _date_ns(path, match, part)
+
+
+def _date_ns(path: Path, found: re.Match[str], fraction: str) -> int:
+    with rejecting(f"{path} has an invalid time", ValueError, hint=_OTHER_TIMES):
+        moment = datetime.strptime(" ".join(found.groups()[:6]), "%Y %m %d %H %M %S").replace(tzinfo=UTC)
+    return round(moment.timestamp()) * 1_000_000_000 + int((fraction or "0")[:9].ljust(9, "0"))
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Layout:
     """The cameras in a program's folder, with its times and calibration if it has them."""
@@ -253,5 +358,6 @@ class Layout:
     unit: str | None = None
     record: ExportRecord | None = None
     """The session from which an export of ours was made."""
-    note: str = ""
-    """Note for the user."""
+    take: str = ""
+    """Name of this one of several recordings."""
+    notes: Sequence[str] = ()

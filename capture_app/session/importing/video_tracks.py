@@ -1,9 +1,9 @@
 """Tracks of a video: its container, opened for those who read sound, dates or metadata."""
 
-import importlib
-from collections.abc import Iterator
-from contextlib import contextmanager
-from itertools import chain
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager, suppress
+from itertools import chain, count
+from math import inf
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture_app.common.errors import BadInputError
+from capture_app.common.optional_packages import load_optional
 
 MIN_GAP_S = 0.02
 """Shorter gaps between a sound track's frames are rounding of their times."""
@@ -20,11 +21,11 @@ MAX_SILENCE_S = 600.0
 
 @contextmanager
 def open_container(path: Path) -> Iterator[tuple[Any, Any]]:
-    """Open a video; yield the package PyAV and the container. Raises BadInputError with a short reason."""
-    try:
-        av: Any = importlib.import_module("av")
-    except ImportError:
-        raise BadInputError("PyAV is not installed") from None
+    """Open a video; yield the package PyAV and the container.
+
+    Raises BadInputError with a short reason, NotAvailableError without PyAV.
+    """
+    av = load_optional("av", "export", "reading videos")
     if not path.is_file():
         raise BadInputError("it is not a file")
     try:
@@ -69,3 +70,86 @@ def read_track(path: Path, rate_hz: int, sample_format: str, channels: int) -> t
     if not parts:
         raise BadInputError("it has no sound")
     return np.concatenate(parts, axis=1), start_s
+
+
+_INTERLACED = (2, 3, 4, 5)
+"""FFmpeg's field orders of frames that are not progressive."""
+DAMAGED = "copy it from the camera again, or leave it out"
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[tuple[Any, Any]]:
+    """Open a file that has pictures, as `open_container`; errors name it."""
+    try:
+        with open_container(path) as (av, container):
+            # Where FFmpeg has no decoder, there is no context.
+            if not container.streams.video or container.streams.video[0].codec_context is None:
+                raise BadInputError("it has no pictures")
+            yield av, container
+    except BadInputError as error:
+        raise BadInputError(
+            f"{path} is not a video that can be decoded: {error.what}", hint=DAMAGED
+        ) from error
+
+
+def describe_video(path: Path) -> tuple[float, list[str]]:
+    """Return a video's rate in frames/s, 0 if it states none, and notes for the user on what it holds.
+
+    Raises as `video_times_ns`.
+    """
+    with _opened(path) as (av, container):
+        stream, cover = container.streams.video[0], av.stream.Disposition.attached_pic
+        fps = float(stream.guessed_rate or stream.average_rate or 0)
+        interlaced = stream.codec_context.field_order in _INTERLACED
+        # As in an .insv of Insta360, which has a lens in each.
+        several = sum(not video.disposition & cover for video in container.streams.video) > 1
+    apart = f", {500 / fps:.3g} ms apart" if fps else ""
+    second = f"ffmpeg -i {path.name} -map 0:v:1 -c copy {path.stem}-2.mp4"
+    notes = {
+        f"is interlaced: the odd and the even rows of a frame are two instants{apart}": interlaced,
+        f"has more than one video stream; the first is imported. For the second: {second}": several,
+    }
+    return fps, [f"{path.name} {note}" for note, holds in notes.items() if holds]
+
+
+def video_times_ns(path: Path) -> list[int]:
+    """Return the presentation times of a video's frames in ns, ascending, without decoding; [] if none.
+
+    Frames that an edit list hides have none. Raises BadInputError if it is not a video, NotAvailableError
+    without PyAV.
+    """
+    with _opened(path) as (_, container):
+        stream = container.streams.video[0]
+        packets = (packet for packet in container.demux(stream) if not packet.is_discard)
+        ticks = {packet.pts for packet in packets if packet.pts is not None}
+        return [round(tick * stream.time_base * 1_000_000_000) for tick in sorted(ticks)]
+
+
+def video_pictures(
+    path: Path, places: Collection[int] | None = None, *, by_time: bool = False
+) -> Iterator[tuple[int, NDArray[np.uint8]]]:
+    """Yield the frames (BGR, H x W x 3, upright) at the requested places, or all, with their places.
+
+    Of pixels that are not square, an image is as wide as a player shows it. A place is a presentation time in
+    ns, otherwise the number of a decoded frame. Frames that cannot be decoded are skipped. Raises
+    BadInputError if it is not a video.
+    """
+    with _opened(path) as (av, container):
+        scaler = av.video.reformatter.Interpolation
+        # Without accurate rounding every image is darker by a level or more.
+        rounding = scaler.BICUBIC | scaler.ACCURATE_RND | scaler.FULL_CHR_H_INP | scaler.FULL_CHR_H_INT
+        numbers, last = count(), inf if places is None else max(places, default=-1)
+        stream = container.streams.video[0]
+        for packet in container.demux(stream):
+            frames = []
+            with suppress(av.InvalidDataError):
+                frames = packet.decode()
+            for frame, number in zip(frames, numbers, strict=False):
+                timed = by_time and frame.pts is not None
+                place = round(frame.pts * frame.time_base * 1_000_000_000) if timed else number
+                if place > last:
+                    return
+                if timed == by_time and not frame.is_corrupt and (places is None or place in places):
+                    width = round(frame.width * (stream.sample_aspect_ratio or 1))
+                    image = frame.to_ndarray(format="bgr24", width=width, interpolation=rounding)
+                    yield place, np.ascontiguousarray(np.rot90(image, round(frame.rotation / 90) % 4))

@@ -16,12 +16,12 @@ import pytest
 from capture_app.cli import run
 from capture_app.common.errors import ExitCode, SimulshotError
 from capture_app.session.format.manifest import CALIBRATION, JOURNAL, MANIFEST
-from capture_app.session.importing.import_options import ImportOptions
-from capture_app.session.importing.recording import import_recording
+from capture_app.session.importing.recording import ImportOptions
 from capture_app.session.reading.checksums import CHECKSUMS
 from capture_app.session.reading.decoding import image_size
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
+from tests.imported import import_one
 
 from .conftest import jpeg
 
@@ -113,7 +113,7 @@ def test_pictures_are_turned_by_their_exif_as_they_are_imported(
         (tmp_path / camera).mkdir()
         (tmp_path / camera / "0.jpg").write_bytes(data)
     cameras = [f"{name}={tmp_path / name}" for name in ("a", "b")]
-    made = import_recording(cameras, tmp_path / "out", "taken", ImportOptions(fps=30.0))
+    made = import_one(cameras, tmp_path / "out", "taken", ImportOptions(fps=30.0))
     assert verify(made) == []
     (record,) = (image for image in made.manifest.images if image.camera == "a")
     file = made.image_file(record)

@@ -20,7 +20,7 @@ _UP = 3
 
 
 def open_recording(path: Path, *, png: bool, recording: str | None) -> Layout | None:
-    """Open a recording's folder or a workspace. Raises BadInputError if the workspace has several."""
+    """Open a recording's folder, or one of a workspace. Raises BadInputError if the workspace has none."""
     if (path / _TABLE).is_file() and videos_in(path):
         arrays = (parent / _ARRAY for parent in (path, *path.resolve().parents[: _UP - 1]))
         return Layout(
@@ -31,14 +31,12 @@ def open_recording(path: Path, *, png: bool, recording: str | None) -> Layout | 
         )
     if not ((path / _ARRAY).is_file() and (path / _RECORDINGS).is_dir()):
         return None
-    inner = [path / _RECORDINGS / name for name in recordings_in(path) if recording in (None, name)]
-    if len(inner) == 1:
-        return open_recording(inner[0], png=png, recording=None)
-    several = f"of several recordings: {', '.join(one.name for one in inner)}"
-    what = several if inner else "without a recording: none with videos and their timestamps.csv"
-    raise BadInputError(
-        f"{path} is a Caliscope workspace {what}", hint=f"name one: {path / _RECORDINGS}/NAME"
-    )
+    if recording is None:
+        raise BadInputError(
+            f"{path} is a Caliscope workspace without a recording: none with videos and their timestamps.csv",
+            hint=f"name one: {path / _RECORDINGS}/NAME",
+        )
+    return open_recording(path / _RECORDINGS / recording, png=png, recording=None)
 
 
 def recordings_in(folder: Path) -> list[str]:

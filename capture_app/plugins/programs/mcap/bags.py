@@ -159,11 +159,11 @@ def read_bag(path: Path) -> tuple[Layout, dict[tuple[str, int], int]]:
             for topic, own_times in times.items()
         }
     stamped = {name: sorted(times[topic], key=lambda frame: frame.leader_ns) for topic, name in names.items()}
-    views, refused = None, ""
+    views, refused = None, []
     try:
         views = _views(path, {names[topic]: of for topic, of in first.items()}, lenses, poses)
     except BadInputError as error:
-        refused = f"the calibration in it is not taken: {error.what}"
+        refused = [f"the calibration in it is not taken: {error.what}"]
     layout = Layout(
         program=sources[0].kind,
         path=path,
@@ -171,7 +171,7 @@ def read_bag(path: Path) -> tuple[Layout, dict[tuple[str, int], int]]:
         timeline=timeline_by_times(str(path), stamped),
         views=views,
         times_of=f"arrival in the bag, as stamps of {', '.join(unstamped)} are zero" if unstamped else "",
-        note=refused,
+        notes=refused,
     )
     return layout, {
         (name, one): index for topic, name in names.items() for index, one in enumerate(numbers[topic])

@@ -18,8 +18,7 @@ from capture_app.session.alignment.clock_line import fit_clock_line
 from capture_app.session.exporting.exported_burst import ExportedBurst
 from capture_app.session.format.common_times import CameraTimes
 from capture_app.session.format.manifest import ImageRecord
-from capture_app.session.importing.embedded_times import video_times_ns
-from capture_app.session.importing.video_tracks import read_track
+from capture_app.session.importing.video_tracks import read_track, video_times_ns
 
 RATE_HZ = 48_000
 BLOCK = 1024

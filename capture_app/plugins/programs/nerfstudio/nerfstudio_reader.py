@@ -79,7 +79,9 @@ def open_recording(path: Path, *, png: bool, recording: str | None) -> Layout | 
         path=path,
         sources=tuple(sources.values()),
         views=_views(source, content, views),
-        note=f"{len(sources)} of {count(len(by_file), 'image')} are there; each is a camera of one instant",
+        notes=[
+            f"{len(sources)} of {count(len(by_file), 'image')} are there; each is a camera of one instant"
+        ],
     )
 
 

@@ -1,33 +1,39 @@
 """Rules that make a recording's times: the first that applies makes them and says what is known of them."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from fractions import Fraction
+from itertools import combinations
 from pathlib import Path
+from typing import Literal
 
 from capture_app.common.errors import BadInputError
-from capture_app.common.text import Talk
 from capture_app.session.format.common_times import CommonTimes, TimesState
-from capture_app.session.importing.embedded_times import TimeSource, exif_time_ns, name_time_ns
-from capture_app.session.importing.frame_gaps import describe_gaps
 from capture_app.session.importing.frame_matching import (
+    Instant,
     TimedFrame,
     Timeline,
+    Times,
+    describe_times,
     require_overlap,
     timeline_by_times,
 )
-from capture_app.session.importing.recording_sources import FOLDER, Images, Layout, Source, Video
-from capture_app.session.importing.times.rate_or_table import (
-    Table,
-    numbers_of_frames,
-    timeline_by_rate,
-    timeline_by_tables,
-    times_by_rate,
+from capture_app.session.importing.recording_sources import (
+    FOLDER,
+    Images,
+    Layout,
+    Numbers,
+    Source,
+    Video,
+    exif_time_ns,
+    name_time_ns,
 )
-from capture_app.session.importing.times.tables import name_tables
+from capture_app.session.importing.times.tables import Table, name_tables, timeline_by_tables
 
 ASSUMED_FPS = 30.0
 """Assumed rate of images that are matched by their numbers, frames/s."""
+BY_NUMBERS = "; frames are matched by their numbers, so later ones are matched wrongly: take --times video"
 EQUAL_NUMBERS = "frames of equal number are taken as of one instant"
 BY_PLACE = (
     "frames are paired by their place in each folder, as their names have no common number: "
@@ -36,6 +42,16 @@ BY_PLACE = (
 OWN_BEGINNING = "each video counts from its own beginning"
 OTHER_FPS = 0.01
 """Relative difference of two frame rates that are not the same one, such as 25 and 24; 29.97 is 30."""
+
+
+TimeSource = Literal["auto", "video", "name", "exif"]
+"""Source of a recording's times.
+
+auto    chosen by what the recording has: a table, a phone's metadata
+video   from the videos' own timestamps, which may be irregular
+name    from the images' file names
+exif    from the images' EXIF: capture time with fraction of a second
+"""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,16 +73,6 @@ class TimeOptions:
     def states_times(self) -> bool:
         """Whether the user specified the source of the times."""
         return self.synchronized or self.fps is not None or bool(self.timestamps) or self.times != "auto"
-
-
-@dataclass(frozen=True, slots=True)
-class Times:
-    """Times of a recording's frames, and what is known of them; `common` is None for a single camera."""
-
-    timeline: Timeline
-    common: CommonTimes | None
-    by_rate: bool
-    """Whether a rate gives the times, instead of the frames' own ones."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,11 +113,11 @@ class Rule:
     by_rate: bool = False
 
 
-def make_times(layout: Layout, options: TimeOptions, talk: Talk) -> Times:
+def make_times(layout: Layout, options: TimeOptions) -> Times:
     """Compute every frame's time, match frames to instants, and state what is known of these times.
 
-    `talk` receives the sources' notes, what was assumed, and the gaps in the times. Raises BadInputError if
-    there is no source of times, more than one, or if cameras' times never meet.
+    The notes are what was assumed, and the gaps in the times. Raises BadInputError if there is no source of
+    times, more than one, or if cameras' times never meet.
     """
     recording, sources = _Recording(layout.sources, options, layout), layout.sources
     _check_options(recording)
@@ -129,9 +135,7 @@ def make_times(layout: Layout, options: TimeOptions, talk: Talk) -> Times:
     require_overlap(timeline)
     common = None if len(sources) < 2 else _known(rule.state, rule.sentence(recording), options)
     gaps = () if layout.record else describe_gaps(sources, timeline, by_numbers=rule.by_rate)
-    for note in (*filter(None, (source.note for source in sources)), *notes, *gaps):
-        talk(note)
-    return Times(timeline, common, rule.by_rate)
+    return Times(timeline, common, rule.by_rate, (*notes, *gaps))
 
 
 def _known(state: TimesState, sentence: str, options: TimeOptions) -> CommonTimes:
@@ -150,6 +154,11 @@ def _check_options(recording: _Recording) -> None:
         raise BadInputError(
             f"--time-shift-ms names {unknown[0]}, which the recording lacks",
             hint=f"it has {', '.join(names)}",
+        )
+    if recording.layout.record and options.offsets_ms:
+        raise BadInputError(
+            f"{recording.layout.path} has the times of its session, which --time-shift-ms would contradict",
+            hint="import it without, and give reconstruct --time-shift-ms",
         )
     stated = [options.fps is not None, bool(options.timestamps), options.times != "auto"]
     if sum(stated) > 1:
@@ -266,6 +275,109 @@ def _named_by_time(source: Images) -> bool:
 
 def _say_tables(tables: Sequence[Table]) -> str:
     return f"the table{'s' * (len(tables) > 1)} {', '.join(path.name for _, path in tables)}"
+
+
+def describe_gaps(sources: Sequence[Source], timeline: Timeline, *, by_numbers: bool) -> Iterator[str]:
+    """Yield a line for each camera that dropped or doubled frames, by its own times.
+
+    A video's presentation times are described, where the timeline is `by_numbers` of their frames.
+    """
+    cameras = timeline.cameras()
+    for source in sources:
+        own_ns = source.own_times_ns() if isinstance(source, Video) and by_numbers else ()
+        times_ns = own_ns or sorted(frame.leader_ns for frame in cameras.get(source.name, ()))
+        if said := describe_times(times_ns):
+            yield f"{source.name}: {said}{BY_NUMBERS if own_ns else ''}"
+
+
+def times_by_rate(sources: Sequence[Source], fps: float) -> dict[str, list[TimedFrame]]:
+    """Return the frames of each camera, 1/fps apart by their numbers; number 0 is at 0 ns.
+
+    Raises BadInputError for an invalid rate.
+    """
+    period, numbers = _period_of(fps), _numbers(sources)
+    return {
+        name: [TimedFrame(index, round(number * period)) for index, number in enumerate(of)]
+        for name, of in numbers.items()
+    }
+
+
+def timeline_by_rate(sources: Sequence[Source], fps: float) -> Timeline:
+    """Match frames of equal number to one instant, 1/fps apart; the lowest number is at 0 ns.
+
+    Raises BadInputError for an invalid rate, or if no two cameras share a number.
+    """
+    period, numbers = _period_of(fps), _numbers(sources)
+    indices = {name: {number: index for index, number in enumerate(of)} for name, of in numbers.items()}
+    every = sorted(set().union(*indices.values()))
+    shared = [number for number in every if sum(number in index for index in indices.values()) > 1]
+    if len(sources) > 1 and not shared:
+        raise BadInputError(
+            "no two cameras share a frame number",
+            hint="frames of one instant need the same number in their file names; else use --timestamps",
+        )
+    times_ns = {number: round((number - every[0]) * period) for number in every}
+    instants = [
+        Instant(at_ns, {name: TimedFrame(index[n], at_ns) for name, index in indices.items() if n in index})
+        for n, at_ns in times_ns.items()
+    ]
+    return Timeline(instants, round(period), dict.fromkeys(indices, round(period)))
+
+
+def _period_of(fps: float) -> Fraction:
+    if not 0.001 <= fps <= 1e6:
+        raise BadInputError(f"frame rate {fps:g} is out of range (0.001 to 1e6)", hint="for example --fps 60")
+    return 1_000_000_000 / Fraction(str(fps))
+
+
+def numbers_of_frames(sources: Sequence[Source]) -> dict[str, Sequence[int]] | None:
+    """Return each camera's frame numbers; None if some camera has none, so that only the order counts."""
+    names = {source.name: source.name_numbers for source in sources}
+    return frame_numbers(names) if all(names.values()) else None
+
+
+def _numbers(sources: Sequence[Source]) -> Mapping[str, Sequence[int]]:
+    return numbers_of_frames(sources) or {source.name: range(len(source.numbers)) for source in sources}
+
+
+def frame_numbers(cameras: Mapping[str, Sequence[Numbers]]) -> dict[str, Sequence[int]] | None:
+    """Return the frames' numbers by camera, given the numbers in their names; None if none counts frames.
+
+    A number that is the same in all names of each camera does not count, such as a size. If several change,
+    as hours and seconds do, frames are numbered by the order of all of them; if no two cameras then share a
+    frame, by the one that two cameras share.
+    """
+    lengths = {name: {len(name) for name in names} for name, names in cameras.items()}
+    if any(len(length) != 1 for length in lengths.values()):
+        return None
+    changing = {
+        name: [k for k, values in enumerate(zip(*names, strict=True)) if len(set(values)) > 1]
+        for name, names in cameras.items()
+    }
+    if len(set.union(*lengths.values())) == 1:
+        together = sorted(set().union(*changing.values()))
+        changing = dict.fromkeys(cameras, together)
+    (width, *others) = {len(columns) for columns in changing.values()}
+    if others or not width:
+        return None
+    kept = {name: [tuple(of[k] for k in changing[name]) for of in names] for name, names in cameras.items()}
+    single: list[dict[str, list[Numbers]]] = [
+        {name: [(name[k],) for name in names] for name, names in kept.items()} for k in range(width)
+    ]
+    alone = len(kept) == 1 or _shared(kept)
+    tried = [kept] if alone else [digits for digits in single if _shared(digits)] or [kept]
+    usable = [trial for trial in tried if all(len(set(names)) == len(names) for names in trial.values())]
+    if len(usable) != 1:
+        return None
+    (kept,) = usable
+    if all(len(name) == 1 for names in kept.values() for name in names):
+        return {name: [number for (number,) in names] for name, names in kept.items()}
+    order = {word: n for n, word in enumerate(sorted(set().union(*kept.values())))}
+    return {name: [order[name] for name in names] for name, names in kept.items()}
+
+
+def _shared(cameras: Mapping[str, Sequence[Numbers]]) -> bool:
+    return any(set(first) & set(other) for first, other in combinations(cameras.values(), 2))
 
 
 RULES = (

@@ -9,8 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from capture_app.session.importing.import_options import ImportOptions
-from capture_app.session.importing.recording import import_found
+from capture_app.session.importing.recording import ImportOptions, import_found
 from tests.unit.plugins.footage.cut_apart import Phone, Take
 from tests.unit.session.importing.strangers import MIDDLE_NS
 

@@ -6,10 +6,10 @@ import pytest
 
 from capture_app.cli import run
 from capture_app.common.errors import ExitCode
-from capture_app.session.importing.import_options import ImportOptions
-from capture_app.session.importing.recording import import_recording
+from capture_app.session.importing.recording import ImportOptions
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
+from tests.imported import import_one
 from tests.project import SAMPLES
 
 
@@ -17,7 +17,7 @@ def test_a_videos_own_times_are_those_of_its_export(tmp_path: Path) -> None:
     sample = SAMPLES / "crossing"
     out = tmp_path / "out"
     assert run(["sessions", "export", str(sample), "--to", "mp4", "--out", str(out)]) == ExitCode.OK
-    session = import_recording([str(out)], tmp_path, "s", ImportOptions(times="video"))
+    session = import_one([str(out)], tmp_path, "s", ImportOptions(times="video"))
     assert verify(session) == []
     taken = Session.open(sample).images_by_instant()
     first_ns = min(record.leader_ns for record in taken[0].values())

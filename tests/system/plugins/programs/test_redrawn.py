@@ -8,8 +8,8 @@ import pytest
 
 from capture_app.session.exporting.export_session import export_session
 from capture_app.session.format.calibration import CameraCalibration
-from capture_app.session.importing.import_options import ImportOptions
-from capture_app.session.importing.recording import import_recording
+from capture_app.session.importing.recording import ImportOptions
+from tests.imported import import_one
 from tests.unit.plugins.programs.dotted import (
     WIDTH,
     Array,
@@ -25,7 +25,7 @@ from tests.unit.plugins.programs.dotted import (
 def test_redrawn_pictures_come_back_with_their_lens(tmp_path: Path, name: str) -> None:
     session = build(tmp_path / "sessions")
     export_session(session, name, tmp_path / "out", lossless=True)
-    back = import_recording([str(tmp_path / "out")], tmp_path / "back", "back", ImportOptions(png=True))
+    back = import_one([str(tmp_path / "out")], tmp_path / "back", "back", ImportOptions(png=True))
     calibration = back.calibration()
     assert calibration is not None
     for camera_name, camera in calibration.cameras.items():

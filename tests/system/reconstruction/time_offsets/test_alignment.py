@@ -4,8 +4,11 @@ from pathlib import Path
 
 import pytest
 
+from benchmarks.reconstruction.periodic_takes import SECOND, swing
+from benchmarks.reconstruction.periodic_takes import scene as pendulum
 from capture_app.cli import run
 from capture_app.common.errors import ExitCode
+from capture_app.console.terminal import Progress
 from capture_app.session.format.common_times import NOT_SYNCHRONIZED, CameraTimes
 from capture_app.session.importing.realigning import realign_session
 from capture_app.session.reading.reader import Session
@@ -14,9 +17,10 @@ from capture_app.session.reading.verify import verify
 from reconstruction.method.timing import measure_pair_timing
 from reconstruction.scene.dataset import Dataset
 from reconstruction.scene.scene import Scene as OpenScene
+from reconstruction.time_offsets.motion_alignment import align_cameras
 from reconstruction.time_offsets.pair_offset import PairOffsets
 from tests.unit.reconstruction.conftest import Reconstruct, Scene, make_view
-from tests.unit.reconstruction.time_offsets.cut_apart import Recorder, write_cut_apart
+from tests.unit.reconstruction.time_offsets.cut_apart import Recorder, rest, write_cut_apart
 
 LEFT = Recorder(make_view((-0.1, 0.0, 0.0), yaw=1.5), ppm=20)
 NTSC = Recorder(make_view((0.1, 0.01, 0.0), yaw=-1.5), start_s=0.4621, fps=30_000 / 1001, ppm=-15)
@@ -91,7 +95,7 @@ def test_motion_makes_a_rough_alignment_exact(scene: Scene, tmp_path: Path, reco
 def test_where_nothing_moves_nothing_is_aligned(
     scene: Scene, tmp_path: Path, reconstruct: Reconstruct
 ) -> None:
-    session = write_cut_apart(tmp_path, scene, {"left": LEFT, "right": NTSC}, 1.2, still=True)
+    session = write_cut_apart(tmp_path, scene, {"left": LEFT, "right": NTSC}, 1.2, path=rest)
     found = reconstruct("time", session.folder, "--json").result
     assert found["cameras"]["right"]["reason"]
     assert reconstruct("time", session.folder, "--apply").code == ExitCode.BAD_INPUT
@@ -107,3 +111,18 @@ def test_pictures_that_happen_to_agree_are_not_called_synchronized(scene: Scene,
     assert abs(timing.late_ms) < 1
     assert not timing.synchronized
     assert NOT_SYNCHRONIZED in timing.reason
+
+
+@pytest.mark.parametrize("is_broken", [False, True])
+def test_a_motion_that_repeats_aligns_nothing_unless_another_breaks_its_period(
+    is_broken: bool, tmp_path: Path
+) -> None:
+    cameras = {"left": LEFT, "right": Recorder(SECOND["above"], start_s=0.82)}
+    session = write_cut_apart(tmp_path, pendulum(is_broken), cameras, 2.5, path=swing(0.7))
+    found = align_cameras(OpenScene(Dataset.open(session.folder)), Progress(0, silent=True))["right"]
+    if is_broken:
+        assert found.offset_ns == pytest.approx(820e6, abs=1e6)
+    else:
+        assert found.offset_ns is None
+        assert "+120" in found.reason
+        assert "+820" in found.reason

@@ -5,13 +5,13 @@ from pathlib import Path
 
 import pytest
 
-from capture_app.session.importing.import_options import ImportOptions
-from capture_app.session.importing.recording import import_recording
+from capture_app.session.importing.recording import ImportOptions
 from capture_app.session.reading.reader import Session
 from reconstruction.method.timing import measure_pair_timing
 from reconstruction.scene.dataset import Dataset
 from reconstruction.scene.scene import Scene as OpenScene
 from reconstruction.time_offsets.pair_offset import PairOffsets
+from tests.imported import import_one
 from tests.unit.reconstruction.conftest import PERIOD_NS, VIEWS, Scene, write_session
 
 PAIR = {name: VIEWS[name] for name in ("left", "right")}
@@ -65,7 +65,7 @@ def ball(shared: Path, tmp_path: Path, late: int) -> PairOffsets:
             link.parent.mkdir(parents=True, exist_ok=True)
             link.symlink_to(recording / camera / names[place + step])
     options = ImportOptions(fps=FPS, calibration=(str(recording / "calibration"),), unit="in")
-    session = import_recording([str(tmp_path / "ball")], tmp_path / "sessions", "ball", options)
+    session = import_one([str(tmp_path / "ball")], tmp_path / "sessions", "ball", options)
     return offsets_of(session)
 
 

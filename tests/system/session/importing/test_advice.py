@@ -2,7 +2,6 @@
 
 import re
 import shlex
-import subprocess
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -94,18 +93,10 @@ def without(name: str, values: int) -> Advised:
     return advised
 
 
-def moved(said: str, refused: list[str]) -> list[str]:
-    """Run the commands of the shell that sort images into folders, and return those that import them."""
-    found = re.search(r"into a folder: (cd .*); then: capture-app sessions import (.*) --fps RATE", said)
-    assert found is not None, said
-    subprocess.run(found[1], shell=True, check=True)
-    return [*shlex.split(found[2]), *refused[1:], "--fps", "30"]
-
-
 CASES: dict[str, tuple[Callable[[Path], None], list[str], Advised]] = {
     "images without times": (numbered, ["{}"], option("add their rate, (--fps)")),
     "images named by times": (named_by_times, ["{}"], option("take them: (--times name)")),
-    "images of two cameras in one folder": (one_folder, ["{}"], moved),
+    "images of two cameras in one folder": (one_folder, ["{}"], option("add their rate, (--fps)")),
     "one rate for two": (two_rates, ["{}", "--fps", "30"], without("--fps", 1)),
     "one clock for two rates": (two_rates, ["{}", "--fps", "30"], option("own times; (--synchronized)")),
     "clocks that never meet": (

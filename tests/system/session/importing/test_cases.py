@@ -152,6 +152,10 @@ def check(case: str, expected: Mapping[str, Any], folder: Path, make: ModuleType
     for take in expected.get("forbidden_takes", ()):
         assert ", ".join(f"{camera} = {file}" for camera, file in take.items()) not in printed
     assert sessions
+    following = [line.removeprefix("next: ") for line in printed.splitlines() if line.startswith("next: ")]
+    codes_of_next, said = run_all(following, folder)
+    assert len(following) == len(sessions)
+    assert set(codes_of_next) == {ExitCode.OK}, (following, said)
     one = {**expected, **expected.get("if_imported", {})}
     for session in sessions:
         if set(codes) == {ExitCode.OK}:

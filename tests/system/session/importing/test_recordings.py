@@ -8,9 +8,9 @@ import pytest
 
 from capture_app.common.errors import BadInputError
 from capture_app.session.format.calibration import CameraCalibration
-from capture_app.session.importing.import_options import ImportOptions
-from capture_app.session.importing.recording import import_recording
+from capture_app.session.importing.recording import ImportOptions
 from capture_app.session.reading.reader import Session
+from tests.imported import import_one
 from tests.unit.session.importing.test_recordings import Array, parts, project
 
 
@@ -46,7 +46,7 @@ def ball_in(session: Session, camera: str) -> list[tuple[float, float] | None]:
 def test_the_ball_of_ball_launch_is_where_both_cameras_see_it(shared: Path, tmp_path: Path) -> None:
     folder = shared / "footage" / "ball_launch"
     options = ImportOptions(fps=60, calibration=(str(folder / "calibration"),), unit="in")
-    session = import_recording([str(folder)], tmp_path, "ball", options)
+    session = import_one([str(folder)], tmp_path, "ball", options)
     assert len(session.manifest.images) == 72
     assert not session.manifest.missing
     calibration = session.calibration()
@@ -74,9 +74,9 @@ def test_a_man_on_a_beam_stands_on_the_floor_of_his_room(shared: Path, tmp_path:
     with pytest.raises(
         BadInputError, match="cam01 is calibrated for 1088x1920 pixels, its images are 1080x1920"
     ):
-        import_recording([str(folder / "videos")], tmp_path, "beam", options)
+        import_one([str(folder / "videos")], tmp_path, "beam", options)
     options = ImportOptions(fps=60, count=4, calibration=(qca,), fit="crop")
-    session = import_recording([str(folder / "videos")], tmp_path, "beam", options)
+    session = import_one([str(folder / "videos")], tmp_path, "beam", options)
     calibration = session.calibration()
     assert calibration is not None
     cameras = [calibration.cameras[f"cam0{n}"] for n in (1, 2, 3, 4)]

@@ -19,9 +19,9 @@ from capture_app.common.errors import BadInputError
 from capture_app.plugins.footage.sound import read_sound
 from capture_app.session.format.calibration import CameraCalibration
 from capture_app.session.importing.calibrations import fit_calibration, read_views
-from capture_app.session.importing.import_options import ImportOptions
-from capture_app.session.importing.recording import import_recording
+from capture_app.session.importing.recording import ImportOptions
 from capture_app.session.importing.recording_sources import Video
+from tests.imported import import_one
 from tests.unit.plugins.programs.test_mcap_reader import Recorder
 from tests.unit.session.conftest import jpeg
 
@@ -270,9 +270,7 @@ def test_a_lens_in_a_bag(fields: dict[str, Any], topic: str, calibrated: bool, t
         recorder.add(f"/{name}/{topic}", "CompressedImage", 10**9, frame_id=name, data=jpeg(n), format="jpeg")
     recorder.close()
     said: list[str] = []
-    session = import_recording(
-        [str(tmp_path / "drive.mcap")], tmp_path, "s", ImportOptions(), talk=said.append
-    )
+    session = import_one([str(tmp_path / "drive.mcap")], tmp_path, "s", ImportOptions(), talk=said.append)
     assert (session.calibration() is not None) == calibrated
     assert any("calibration in it is not taken" in line for line in said) != calibrated
     assert len(session.manifest.images) == 2
@@ -330,7 +328,7 @@ def test_lengths_of_freemocap_are_mm(tmp_path: Path) -> None:
     video(folder / "synchronized_videos" / "take.id-0.idx-0.mp4")
     path = freemocap(folder, {"translation": [1500.0, 0.0, -250.0]})
     assert read(path).translation == (1500.0, 0.0, -250.0)
-    calibration = import_recording([str(folder)], tmp_path, "s", ImportOptions()).calibration()
+    calibration = import_one([str(folder)], tmp_path, "s", ImportOptions()).calibration()
     assert calibration is not None
     assert calibration.unit == "m"
     assert calibration.cameras["0"].translation == pytest.approx((1.5, 0.0, -0.25))

@@ -12,10 +12,10 @@ import pytest
 
 from capture_app.cli import run
 from capture_app.common.errors import BadInputError, ExitCode
-from capture_app.session.importing.import_options import ImportOptions
-from capture_app.session.importing.recording import import_recording
+from capture_app.session.importing.recording import ImportOptions, import_found
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
+from tests.imported import import_one
 from tests.unit.session.importing.numbered_video import numbers_of, times_of, write_video
 
 CAMERA = """[cam_{n}]
@@ -44,7 +44,7 @@ def test_caliscopes_recordings_and_workspaces_are_recognized(tmp_path: Path) -> 
     recording = caliscope(tmp_path / "ws")
     said: list[str] = []
     for number, folder in enumerate((recording, tmp_path / "ws")):
-        session = import_recording([str(folder)], tmp_path, f"s{number}", ImportOptions(), talk=said.append)
+        session = import_one([str(folder)], tmp_path, f"s{number}", ImportOptions(), talk=said.append)
         assert numbers_of(session) == [{"cam_0": k, "cam_1": k} for k in range(3)]
         assert times_of(session, "cam_1")[0] == 500_002_000_000
         calibration = session.calibration()
@@ -52,9 +52,14 @@ def test_caliscopes_recordings_and_workspaces_are_recognized(tmp_path: Path) -> 
         assert calibration.cameras["cam_1"].translation[0] == pytest.approx(0.2)
     assert sum("Caliscope" in line for line in said) == 2
     assert "cameras of timestamps.csv: cam_0 = 0, cam_1 = 1" in said
+    no_unit = "camera_array.toml states no unit of its lengths: m is assumed; --unit mm says otherwise"
+    assert said.count(no_unit) == 2
     shutil.copytree(recording, tmp_path / "ws" / "recordings" / "two")
-    with pytest.raises(BadInputError, match="several recordings: one, two"):
-        import_recording([str(tmp_path / "ws")], tmp_path, "s3", ImportOptions())
+    both = import_found([str(tmp_path / "ws")], tmp_path, "s3", ImportOptions(), talk=said.append)
+    assert [session.folder.name for session in both] == ["s3-one", "s3-two"]
+    assert f"{tmp_path / 'ws'} has 2 recordings, a session each: one, two" in said
+    with pytest.raises(BadInputError, match="no recording three"):
+        import_one([str(tmp_path / "ws")], tmp_path, "s4", ImportOptions(recording="three"))
 
 
 def test_freemocaps_recordings_are_recognized(tmp_path: Path) -> None:
@@ -63,7 +68,7 @@ def test_freemocaps_recordings_are_recognized(tmp_path: Path) -> None:
         write_video(folder / "synchronized_videos" / f"Camera_00{n}.mp4", [33_333 * k for k in range(3)])
     text = "".join(CAMERA.format(n=n, x=200.0 * n) for n in range(2)) + "[metadata]\nerror = 0.1\n"
     (folder / "mocap_camera_calibration.toml").write_text(text)
-    session = import_recording([str(folder)], tmp_path, "s", ImportOptions())
+    session = import_one([str(folder)], tmp_path, "s", ImportOptions())
     assert numbers_of(session) == [{"Camera_000": k, "Camera_001": k} for k in range(3)]
     calibration = session.calibration()
     assert calibration is not None
@@ -100,7 +105,7 @@ def test_freemocap_2(tmp_path: Path, videos: str) -> None:
             f"world_orientation = [[1, 0, 0], [0, 1, 0], [0, 0, 1]]\nworld_position = [{-200 * n}, 0, 0]\n"
         )
     (folder / "wave_camera_calibration.toml").write_text(toml + "[metadata]\nreprojection_error_px = 0.1\n")
-    session = import_recording([str(folder)], tmp_path, "s", ImportOptions())
+    session = import_one([str(folder)], tmp_path, "s", ImportOptions())
     assert verify(session) == []
     assert numbers_of(session) == [{"0": k, "1": k} for k in range(3)]
     assert times_of(session, "1") == [start_ns + k * period_ns + 1_500_000 for k in range(3)]
@@ -111,7 +116,7 @@ def test_freemocap_2(tmp_path: Path, videos: str) -> None:
     assert calibration.cameras["1"].translation[0] == pytest.approx(0.2)
     table.write_text("recording_frame_number\n0\n")
     with pytest.raises(BadInputError, match="no whole numbers"):
-        import_recording([str(folder)], tmp_path, "t", ImportOptions())
+        import_one([str(folder)], tmp_path, "t", ImportOptions())
 
 
 def opencap(folder: Path, trials: dict[str, tuple[str, ...]]) -> None:
@@ -138,18 +143,16 @@ def opencap(folder: Path, trials: dict[str, tuple[str, ...]]) -> None:
 def test_opencaps_trials(tmp_path: Path) -> None:
     folder = tmp_path / "OpenCapData_1"
     opencap(folder, {"neutral": (".mov", "_sync.mp4"), "walk1": (".mov",)})
-    with pytest.raises(BadInputError, match="several trials: neutral, walk1"):
-        import_recording([str(folder)], tmp_path, "s", ImportOptions())
-    with pytest.raises(BadInputError, match="no trial run"):
-        import_recording([str(folder)], tmp_path, "s", ImportOptions(recording="run"))
-    session = import_recording([str(folder)], tmp_path, "s", ImportOptions(recording="neutral"))
+    with pytest.raises(BadInputError, match="no recording run"):
+        import_one([str(folder)], tmp_path, "s", ImportOptions(recording="run"))
+    session = import_one([str(folder)], tmp_path, "s", ImportOptions(recording="neutral"))
     assert numbers_of(session) == [{"Cam0": k, "Cam1": k} for k in range(3)]
     calibration = session.calibration()
     assert calibration is not None
     assert (calibration.unit, calibration.cameras["Cam1"].translation) == ("m", pytest.approx((0.2, 0, 2)))
     said: list[str] = []
     options = ImportOptions(recording="walk1", times="video")
-    import_recording([str(folder)], tmp_path, "walk", options, talk=said.append)
+    import_one([str(folder)], tmp_path, "walk", options, talk=said.append)
     assert any("not aligned by OpenCap" in one for one in said)
 
 
@@ -223,7 +226,7 @@ def test_videos_that_do_not_count_their_frames(tmp_path: Path, suffix: str) -> N
                 picture = np.full((48, 64, 3), 20 + 20 * k, np.uint8)
                 container.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="bgr24")))
             container.mux(stream.encode(None))
-    session = import_recording([str(tmp_path / "rec")], tmp_path, "s", ImportOptions(fps=25))
+    session = import_one([str(tmp_path / "rec")], tmp_path, "s", ImportOptions(fps=25))
     assert numbers_of(session) == [{"cam0": k, "cam1": k} for k in range(7)]
     assert session.manifest.missing == ()
 
@@ -231,6 +234,6 @@ def test_videos_that_do_not_count_their_frames(tmp_path: Path, suffix: str) -> N
 @pytest.mark.shared
 def test_a_real_caliscope_recording_is_recognized(shared: Path, tmp_path: Path) -> None:
     folder = shared / "footage" / "caliscope_4cam" / "calibration" / "extrinsic"
-    session = import_recording([str(folder)], tmp_path, "s", ImportOptions(count=2))
+    session = import_one([str(folder)], tmp_path, "s", ImportOptions(count=2))
     assert len(session.manifest.images) == 8
     assert session.calibration() is not None

@@ -11,9 +11,9 @@ from mcap_protobuf.schema import register_schema
 
 from capture_app.common.errors import BadInputError
 from capture_app.plugins.programs.mcap.bags import foxglove_message
-from capture_app.session.importing.import_options import ImportOptions
-from capture_app.session.importing.recording import import_recording
+from capture_app.session.importing.recording import ImportOptions
 from capture_app.session.reading.verify import verify
+from tests.imported import import_one
 from tests.unit.session.conftest import jpeg
 from tests.unit.session.importing.numbered_video import times_of
 
@@ -71,7 +71,7 @@ def drive(path: Path, *, kind: str = "jpeg", poses: bool = True) -> Path:
 
 def test_cameras_times_and_calibration(tmp_path: Path) -> None:
     path = drive(tmp_path / "drive.mcap")
-    session = import_recording([str(path)], tmp_path, "s", ImportOptions())
+    session = import_one([str(path)], tmp_path, "s", ImportOptions())
     assert verify(session) == []
     assert [sorted(images) for images in session.images_by_instant()] == [["front", "right"]] * 3
     assert times_of(session, "right")[1] == START_S * 10**9 + 33_333_333 + 2_000_000
@@ -87,24 +87,22 @@ def test_cameras_times_and_calibration(tmp_path: Path) -> None:
 
 
 def test_without_poses_there_is_no_calibration(tmp_path: Path) -> None:
-    session = import_recording(
-        [str(drive(tmp_path / "drive.mcap", poses=False))], tmp_path, "s", ImportOptions()
-    )
+    session = import_one([str(drive(tmp_path / "drive.mcap", poses=False))], tmp_path, "s", ImportOptions())
     assert session.calibration() is None
 
 
 def test_what_cannot_be_read_is_said(tmp_path: Path) -> None:
     path = drive(tmp_path / "drive.mcap", kind="webp")
     with pytest.raises(BadInputError, match="format 'webp'; JPEG and PNG are read"):
-        import_recording([str(path)], tmp_path, "s", ImportOptions())
+        import_one([str(path)], tmp_path, "s", ImportOptions())
     whole = drive(tmp_path / "drive.mcap").read_bytes()
     for name, data in (("cut", whole[: len(whole) // 2]), ("other", b"nothing of that"), ("empty", b"")):
         broken = tmp_path / f"{name}.mcap"
         broken.write_bytes(data)
         with pytest.raises(BadInputError, match=f"{name}.mcap"):
-            import_recording([str(broken)], tmp_path, "s", ImportOptions())
+            import_one([str(broken)], tmp_path, "s", ImportOptions())
     recorder = Recorder(tmp_path / "tf.mcap")
     recorder.add("/tf", "FrameTransform", 1, parent_frame_id="a", child_frame_id="b")
     recorder.close()
     with pytest.raises(BadInputError, match=r"no foxglove\.CompressedImage"):
-        import_recording([str(tmp_path / "tf.mcap")], tmp_path, "s", ImportOptions())
+        import_one([str(tmp_path / "tf.mcap")], tmp_path, "s", ImportOptions())

@@ -9,9 +9,9 @@ import pytest
 
 from capture_app.common.errors import BadInputError
 from capture_app.session.exporting.export_session import export_session
-from capture_app.session.importing.import_options import ImportOptions
-from capture_app.session.importing.recording import import_recording
+from capture_app.session.importing.recording import ImportOptions
 from capture_app.session.reading.reader import Session
+from tests.imported import import_one
 
 LATE_S = 1.25
 CLICKS = (0.015, 0.25, 0.5, 0.75, 0.98)
@@ -57,7 +57,7 @@ def takes(folder: Path, length_s: int, ppm_of_late: float) -> tuple[Session, Pat
         rows += [f"{name},{n},{begin_s + at_s:.6f}" for n, at_s in enumerate(since_s)]
     (table := folder / "times.csv").write_text("\n".join(rows))
     sources = [f"{name}={path}" for name, path in paths.items()]
-    return import_recording(sources, folder, "take", ImportOptions(timestamps=[("", table)])), given
+    return import_one(sources, folder, "take", ImportOptions(timestamps=[("", table)])), given
 
 
 def test_a_recording_of_another_take_is_refused(tmp_path: Path) -> None:

@@ -12,10 +12,10 @@ import pytest
 
 from capture_app.cli import run
 from capture_app.common.errors import BadInputError, ExitCode
-from capture_app.session.importing.import_options import ImportOptions
-from capture_app.session.importing.recording import import_recording
+from capture_app.session.importing.recording import ImportOptions
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
+from tests.imported import import_one
 from tests.unit.session.conftest import jpeg
 from tests.unit.session.importing.numbered_video import US, numbers_of, times_of, write_video
 
@@ -60,7 +60,7 @@ def test_one_shot_of_libsoftwaresync_is_a_session(tmp_path: Path) -> None:
     for phone in ("a", "b"):
         shot(tmp_path / phone, "20260131_142500_123", 10**12)
     paths = [str(tmp_path / phone) for phone in ("a", "b")]
-    session = import_recording(paths, tmp_path / "out", "s", ImportOptions())
+    session = import_one(paths, tmp_path / "out", "s", ImportOptions())
     assert [len(images) for images in session.images_by_instant()] == [2]
 
 
@@ -83,8 +83,8 @@ def test_videos_of_recsync_are_matched_by_the_leaders_time(tmp_path: Path) -> No
     table = tmp_path / "rec" / "client" / TABLE
     table.write_text(table.read_text() + f"{10**13 + 266_706 * US}\n")
     said: list[str] = []
-    session = import_recording([str(tmp_path / "rec")], tmp_path, "s", ImportOptions(), talk=said.append)
-    assert len(said) == 1
+    session = import_one([str(tmp_path / "rec")], tmp_path, "s", ImportOptions(), talk=said.append)
+    assert [line for line in said if "equal files" not in line] == [said[0]]
     assert "7 times for 6 frames" in said[0]
     together = [numbers for numbers in numbers_of(session) if len(numbers) == 2]
     assert together == [{"client": n, "leader": n + 2} for n in range(4)]
@@ -112,7 +112,7 @@ def test_layouts_of_recsync(tmp_path: Path, layout: str) -> None:
         recsync(folder, [33_333 * k for k in range(4)], 10**13 + 50 * US * n, video, table)
         # createRecorderSurface of RecSync leaves an empty video behind whenever the camera is opened.
         (folder / video).with_name("VID_20260131_142501.mp4").write_bytes(b"")
-    session = import_recording([str(tmp_path / "clap")], tmp_path, "s", ImportOptions())
+    session = import_one([str(tmp_path / "clap")], tmp_path, "s", ImportOptions())
     assert verify(session) == []
     assert numbers_of(session) == [{"3f2a9c0d1b7e4a56": k, "9b8c7d6e5f4a3b2c": k} for k in range(4)]
     assert times_of(session, "9b8c7d6e5f4a3b2c")[0] == 10**13 + 50 * US
@@ -129,10 +129,10 @@ def test_what_recsyncngs_postprocessing_made(tmp_path: Path) -> None:
         rows = [f"{10**13 + 33_333 * US * k + n},{made[k]}" for k in range(4)]
         (folder / f"{phone}.csv").write_text("\n".join(["timestamp,Generated", *rows, ""]))
     said: list[str] = []
-    session = import_recording([str(folder)], tmp_path, "s", ImportOptions(), talk=said.append)
+    session = import_one([str(folder)], tmp_path, "s", ImportOptions(), talk=said.append)
     numbers = [sorted(of.values()) for of in numbers_of(session)]
     assert numbers == [[0, 0], [1, 1], [2], [3, 3]]
-    assert ["1 of 4 frames are fillers" in one for one in said] == [True]
+    assert ["1 of 4 frames are fillers" in one for one in said].count(True) == 1
 
 
 def test_one_of_several_recordings_on_each_phone(tmp_path: Path) -> None:
@@ -146,7 +146,7 @@ def test_one_of_several_recordings_on_each_phone(tmp_path: Path) -> None:
     assert run(["sessions", "import", str(tmp_path / "rec"), *out, "--recording", "jump"]) == ExitCode.OK
     assert times_of(Session.open(tmp_path / "s"), "a")[0] == 2 * 10**13
     with pytest.raises(BadInputError, match="0 recordings named like sing"):
-        import_recording([str(tmp_path / "rec")], tmp_path, "t", ImportOptions(recording="sing"))
+        import_one([str(tmp_path / "rec")], tmp_path, "t", ImportOptions(recording="sing"))
 
 
 def video(table: str) -> Callable[[Path], Any]:
@@ -188,7 +188,7 @@ def test_broken_recordings_of_phones_say_why_and_leave_nothing(tmp_path: Path, b
     (tmp_path / "phone").mkdir()
     make(tmp_path / "phone")
     with pytest.raises(BadInputError, match=reason):
-        import_recording([str(tmp_path / "phone")], tmp_path / "out", "s", ImportOptions())
+        import_one([str(tmp_path / "phone")], tmp_path / "out", "s", ImportOptions())
     assert not list((tmp_path / "out").glob("*"))
 
 
@@ -209,7 +209,7 @@ def test_a_phone_held_upright_gives_upright_pictures_either_way(tmp_path: Path) 
     path.write_bytes(data[:place] + turned + data[place + len(turned) :])
     shown = []
     for name, options in (("own", ImportOptions(times="video")), ("rate", ImportOptions(fps=25))):
-        session = import_recording([str(tmp_path / "rec")], tmp_path, name, options)
+        session = import_one([str(tmp_path / "rec")], tmp_path, name, options)
         facts = session.manifest.cameras[0].facts
         assert (facts.width, facts.height) == (48, 64)
         image = cv2.imread(str(session.image_file(session.manifest.images[0])))

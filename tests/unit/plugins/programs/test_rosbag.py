@@ -12,10 +12,10 @@ from mcap.reader import make_reader
 from capture_app.cli import run
 from capture_app.common.errors import BadInputError, ExitCode
 from capture_app.plugins.programs.mcap.mcap_writer import ros_topics
-from capture_app.session.importing.import_options import ImportOptions
-from capture_app.session.importing.recording import import_recording
+from capture_app.session.importing.recording import ImportOptions
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
+from tests.imported import import_one
 from tests.unit.plugins.programs.conftest import Export, Make, calibrated, picture
 
 rosbag2: Any = None
@@ -76,7 +76,7 @@ def test_every_picture_lens_and_place_is_in_the_bag(make: Make, export: Export, 
 def test_an_export_comes_back_as_the_session_it_was(make: Make, export: Export, tmp_path: Path) -> None:
     session = make()
     export(session, "mcap", ros=True)
-    back = import_recording([str(tmp_path / "out")], tmp_path / "back", "back", ImportOptions())
+    back = import_one([str(tmp_path / "out")], tmp_path / "back", "back", ImportOptions())
     assert verify(back) == []
     assert {(i.camera, i.instant, i.sha256, i.leader_ns) for i in back.manifest.images} == {
         (i.camera, i.instant, i.sha256, i.leader_ns) for i in session.manifest.images
@@ -84,7 +84,7 @@ def test_an_export_comes_back_as_the_session_it_was(make: Make, export: Export, 
     assert back.calibration() == session.calibration()
     # And without what only we wrote beside it, the lone file too.
     for path in (tmp_path / "out" / "clap", tmp_path / "out" / "clap" / "clap.mcap"):
-        alone = import_recording([str(path)], tmp_path / path.name, "alone", ImportOptions())
+        alone = import_one([str(path)], tmp_path / path.name, "alone", ImportOptions())
         found, truth = alone.calibration(), session.calibration()
         assert found is not None
         assert truth is not None
@@ -123,7 +123,7 @@ def test_stamps_of_zero_are_said_and_no_clock_is_mixed_with_another(tmp_path: Pa
                     data=np.full(192, 90, np.uint8),
                 )
                 writer.write(topic, at_ns, store.serialize_cdr(message, kind))
-    session = import_recording([str(tmp_path / "drive")], tmp_path, "s", ImportOptions())
+    session = import_one([str(tmp_path / "drive")], tmp_path, "s", ImportOptions())
     times = session.manifest.burst.common_times
     assert times is not None
     assert times.reason == "times of arrival in the bag, as stamps of /cam1/image_raw are zero"
@@ -174,10 +174,10 @@ def test_what_is_no_bag_of_pictures_is_said(tmp_path: Path) -> None:
         text = store.types["std_msgs/msg/String"]("hello")
         writer.write(topic, 1, store.serialize_cdr(text, "std_msgs/msg/String"))
     with pytest.raises(BadInputError, match="no pictures of sensor_msgs"):
-        import_recording([str(tmp_path / "words")], tmp_path, "s", ImportOptions())
+        import_one([str(tmp_path / "words")], tmp_path, "s", ImportOptions())
     (tmp_path / "broken.bag").write_bytes(b"#ROSBAG V2.0\n nothing more")
     with pytest.raises(BadInputError, match=r"broken\.bag is not an intact bag"):
-        import_recording([str(tmp_path / "broken.bag")], tmp_path, "s", ImportOptions())
+        import_one([str(tmp_path / "broken.bag")], tmp_path, "s", ImportOptions())
 
 
 def test_ros_is_for_mcap_only(make: Make, export: Export) -> None:

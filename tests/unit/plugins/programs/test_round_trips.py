@@ -12,12 +12,12 @@ from capture_app.common.errors import BadInputError, ExitCode
 from capture_app.session.exporting.export_session import export_session
 from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.manifest import ImageRecord
-from capture_app.session.importing.import_options import ImportOptions
-from capture_app.session.importing.recording import import_recording
+from capture_app.session.importing.recording import ImportOptions
 from capture_app.session.reading.decoding import decode_image
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
 from capture_app.session.writing.session_writer import SessionWriter
+from tests.imported import import_one
 from tests.project import SAMPLES
 from tests.unit.plugins.programs.conftest import Make, make  # noqa: F401 - a fixture
 from tests.unit.session.conftest import calibration_of
@@ -29,7 +29,7 @@ BIT_FOR_BIT = ("colmap", "nerfstudio", "mcap")
 
 def there_and_back(session: Session, to: str, root: Path, **options: Any) -> Session:
     export_session(session, to, root / to)
-    return import_recording([str(root / to)], root / "back", to, ImportOptions(**options))
+    return import_one([str(root / to)], root / "back", to, ImportOptions(**options))
 
 
 def times_of(image: ImageRecord) -> ImageRecord:
@@ -82,7 +82,7 @@ def test_gaps_and_substitutes_come_back(make: Make, to: str, tmp_path: Path) -> 
 def test_lossless_videos_come_back_pixel_for_pixel(make: Make, tmp_path: Path) -> None:  # noqa: F811
     taken = make()
     export_session(taken, "mp4", tmp_path / "out", lossless=True)
-    again = import_recording([str(tmp_path / "out")], tmp_path, "s", ImportOptions(png=True))
+    again = import_one([str(tmp_path / "out")], tmp_path, "s", ImportOptions(png=True))
     before = {(image.camera, image.instant): image for image in taken.manifest.images}
     for image in again.manifest.images:
         assert np.array_equal(pixels(again, image), pixels(taken, before[image.camera, image.instant]))
@@ -136,7 +136,7 @@ def test_a_changed_picture_makes_it_an_import(tmp_path: Path) -> None:
     images = sorted((tmp_path / "out" / "images").rglob("*.jpg"))
     images[0].write_bytes(images[1].read_bytes())
     images[2].unlink()
-    again = import_recording([str(tmp_path / "out")], tmp_path, "s", ImportOptions())
+    again = import_one([str(tmp_path / "out")], tmp_path, "s", ImportOptions())
     assert again.manifest.origin == "imported"
     assert len(again.manifest.images) == len(taken.manifest.images) - 1
     assert verify(again) == []
@@ -158,7 +158,7 @@ def test_broken_exports_say_why(tmp_path: Path, change: Any, reason: str) -> Non
     export_session(Session.open(SAMPLE), "nerfstudio", tmp_path / "out")
     change(tmp_path / "out")
     with pytest.raises(BadInputError, match=reason):
-        import_recording([str(tmp_path / "out")], tmp_path, "s", ImportOptions())
+        import_one([str(tmp_path / "out")], tmp_path, "s", ImportOptions())
     assert not (tmp_path / "s").exists()
 
 
@@ -167,10 +167,10 @@ def test_an_export_cannot_lead_out_of_its_folder(tmp_path: Path) -> None:
     table = tmp_path / "out" / "frames.csv"
     table.write_text(table.read_text().replace("images/cam00/000000.jpg", "../secret.jpg"))
     with pytest.raises(BadInputError, match="outside"):
-        import_recording([str(tmp_path / "out")], tmp_path, "s", ImportOptions())
+        import_one([str(tmp_path / "out")], tmp_path, "s", ImportOptions())
 
 
 def test_times_of_the_session_are_not_shifted(tmp_path: Path) -> None:
     export_session(Session.open(SAMPLE), "colmap", tmp_path / "out")
     with pytest.raises(BadInputError, match="--time-shift-ms"):
-        import_recording([str(tmp_path / "out")], tmp_path, "s", ImportOptions(offsets_ms={"cam00": 5.0}))
+        import_one([str(tmp_path / "out")], tmp_path, "s", ImportOptions(offsets_ms={"cam00": 5.0}))

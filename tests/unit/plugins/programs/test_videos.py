@@ -12,10 +12,10 @@ import pytest
 from capture_app.plugins.programs.caliscope.caliscope_writer import camera_numbers
 from capture_app.session.exporting.csv_tables import paired_names
 from capture_app.session.format.export_record import FRAMES
-from capture_app.session.importing.import_options import ImportOptions
-from capture_app.session.importing.recording import import_recording
+from capture_app.session.importing.recording import ImportOptions
 from capture_app.session.reading.reader import Session
 from capture_app.session.writing.session_writer import SessionWriter
+from tests.imported import import_one
 from tests.unit.plugins.programs.conftest import (
     GRID,
     PERIOD_NS,
@@ -222,7 +222,7 @@ def test_caliscope_comes_back_through_our_import(make: Make, export: Export, tmp
         assert len(frames(recording / f"cam_{number}.mp4")) == sum(name == camera for name, _ in times)
     array = str(tmp_path / "out" / "camera_array.toml")
     options = ImportOptions(timestamps=[("", recording / "timestamps.csv")], calibration=(array,))
-    back = import_recording([str(recording)], tmp_path / "back", "back", options)
+    back = import_one([str(recording)], tmp_path / "back", "back", options)
     again = back.calibration()
     assert again is not None
     for number, camera in enumerate(cameras):

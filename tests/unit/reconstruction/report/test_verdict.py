@@ -124,7 +124,8 @@ def test_cameras_beside_the_pair_that_are_late_are_named_with_what_mends_them() 
     pair = camera("b", 0.1)
     late = SessionTiming(reference="a", cameras=(pair, camera("c", -40.0, shift_ms=-40.0), camera("d", None)))
     text = told(stereo(0.97, 0.01), timing=pair, rig_timing=late)
-    assert text.startswith("When both pictures show the same instant")
+    assert text.startswith("These cameras were not synchronized. Against a, c is 40.0")
+    assert "For a and b: When both pictures show the same instant" in text
     assert "Against a, c is 40.0 ± 0.6 ms early (by what moves; 95 %). --time-shift-ms c=-40 pairs" in text
     assert told(stereo(0.97, 0.01), timing=pair) in text
     turned = Timing(reference="b", other="a", offset=True, late_ms=33.0, uncertainty_ms=0.6, shift_ms=33.0)

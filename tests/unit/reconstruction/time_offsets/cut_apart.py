@@ -1,6 +1,6 @@
 """A moving board before cameras that know nothing of each other: own start, own rate, own gaps."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -46,6 +46,11 @@ def wander(periods: float) -> tuple[float, float]:
     )
 
 
+def rest(_: float) -> tuple[float, float]:
+    """Nowhere."""
+    return 0.0, 0.0
+
+
 def write_cut_apart(
     root: Path,
     scene: Scene,
@@ -53,10 +58,13 @@ def write_cut_apart(
     seconds: float,
     *,
     seed: int = 0,
-    still: bool = False,
+    path: Callable[[float], tuple[float, float]] = wander,
 ) -> Session:
-    """An imported session whose images are paired by each camera's own times, which say nothing."""
-    boards = [*scene.boards[:-1], replace(scene.boards[-1], path=(lambda _: (0.0, 0.0)) if still else wander)]
+    """An imported session whose images are paired by each camera's own times, which say nothing.
+
+    The last board moves along `path`, by the time in periods.
+    """
+    boards = [*scene.boards[:-1], replace(scene.boards[-1], path=path)]
     moving = replace(scene, boards=boards)
     rng = np.random.default_rng(seed)
     frames = {}

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from capture_app.session.importing.clip_pairs import Clip, pair_clips
+from capture_app.session.importing.clips import Clip, pair_clips
 
 HOUR_S = 3600.0
 

@@ -1,5 +1,6 @@
 """What is said of a recording whose cameras have no common times."""
 
+import shlex
 from collections.abc import Callable
 from pathlib import Path
 
@@ -70,8 +71,9 @@ def test_what_the_user_says_of_the_times_is_kept_as_said(
 
 
 def test_equal_lengths_and_rates_are_a_question_and_the_next_command_works(
-    videos: Path, capsys: pytest.CaptureFixture[str]
+    videos: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.chdir(videos.parent)
     session = imported(videos)
     said = capsys.readouterr()
     assert session.manifest.burst.common_times is not None
@@ -80,7 +82,7 @@ def test_equal_lengths_and_rates_are_a_question_and_the_next_command_works(
     assert "import again with --synchronized" in said.err
     assert max(map(len, said.out.splitlines())) < 200
     step = said.err.splitlines()[-1].removeprefix("next: capture-app ")
-    assert run([*step.split(), "--out", str(videos.parent / "sheet.jpg")]) == ExitCode.OK
+    assert run(shlex.split(step)) == ExitCode.OK
     write_video(videos / "right.mp4", [33_333 * n for n in range(5)])
     assert run(["sessions", "import", str(videos), "--out", str(videos.parent), "--name", "t"]) == ExitCode.OK
     assert "of equal length" not in capsys.readouterr().err

@@ -14,12 +14,12 @@ from hypothesis import strategies as st
 
 from capture_app.cli import run
 from capture_app.common.errors import BadInputError, ExitCode
-from capture_app.session.importing.embedded_times import name_time_ns
 from capture_app.session.importing.frame_matching import TimedFrame, at_slowest_rate, timeline_by_times
-from capture_app.session.importing.import_options import ImportOptions
-from capture_app.session.importing.recording import import_recording
+from capture_app.session.importing.recording import ImportOptions
+from capture_app.session.importing.recording_sources import name_time_ns
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
+from tests.imported import import_one
 from tests.unit.session.conftest import jpeg
 from tests.unit.session.importing.numbered_video import (
     IRREGULAR_US,
@@ -34,7 +34,7 @@ from tests.unit.session.importing.numbered_video import (
 def test_irregular_videos_keep_their_own_times(tmp_path: Path) -> None:
     write_video(tmp_path / "rec" / "cam0.mp4", IRREGULAR_US)
     write_video(tmp_path / "rec" / "cam1.mp4", [t + 700 for t in IRREGULAR_US if t != 66_001])
-    session = import_recording([str(tmp_path / "rec")], tmp_path, "s", ImportOptions(times="video"))
+    session = import_one([str(tmp_path / "rec")], tmp_path, "s", ImportOptions(times="video"))
     assert verify(session) == []
     assert times_of(session, "cam0") == [t * US for t in IRREGULAR_US]
     assert numbers_of(session) == [
@@ -88,7 +88,7 @@ def test_a_frame_that_does_not_decode_shifts_no_other(tmp_path: Path) -> None:
     second = data.index(b"\xff\xd8", data.index(b"\xff\xd8") + 2)
     data[second : second + 200] = bytes(200)
     path.write_bytes(data)
-    session = import_recording([str(tmp_path / "rec")], tmp_path, "s", ImportOptions(times="video"))
+    session = import_one([str(tmp_path / "rec")], tmp_path, "s", ImportOptions(times="video"))
     assert numbers_of(session) == [{"cam0": 0}, {}, {"cam0": 2}, {"cam0": 3}, {"cam0": 4}]
     assert session.manifest.missing[0].reason == "the frame could not be decoded"
     assert times_of(session, "cam0") == [n * 40 * MS for n in (0, 2, 3, 4)]
@@ -110,7 +110,7 @@ def test_an_offset_moves_numbered_frames_too(tmp_path: Path, make_images: Callab
     folder = make_images("left", names).parent
     make_images("right", names)
     options = ImportOptions(fps=10, offsets_ms={"right": -195.0})
-    session = import_recording([str(folder)], tmp_path, "s", options)
+    session = import_one([str(folder)], tmp_path, "s", options)
     pairs = [images for images in session.images_by_instant() if len(images) == 2]
     assert [(of["left"].sequence, of["right"].sequence) for of in pairs] == [(0, 2), (1, 3), (2, 4), (3, 5)]
     assert pairs[0]["right"].leader_ns - pairs[0]["left"].leader_ns == 5 * MS
@@ -152,7 +152,7 @@ def test_images_are_matched_by_the_times_in_their_names(
     start_ms = 1_790_000_000_000
     folder = make_images("a", [f"{start_ms + 40 * n}.jpg" for n in range(4)]).parent
     make_images("b", [f"{start_ms + 40 * n + 7}.jpg" for n in (0, 1, 3)])
-    session = import_recording([str(folder)], tmp_path, "s", ImportOptions(times="name"))
+    session = import_one([str(folder)], tmp_path, "s", ImportOptions(times="name"))
     assert [len(images) for images in session.images_by_instant()] == [2, 2, 1, 2]
     assert session.images_by_instant()[3]["b"].sequence == 2
     assert session.manifest.sync is not None
@@ -164,7 +164,7 @@ def test_numbers_of_ten_digits_are_no_times(tmp_path: Path, make_images: Callabl
     folder = make_images("image_02", [f"{number:010}.png" for number in range(3)])
     for options in (ImportOptions(), ImportOptions(times="name")):
         with pytest.raises(BadInputError) as refused:
-            import_recording([f"a={folder}"], tmp_path / "out", "s", options)
+            import_one([f"a={folder}"], tmp_path / "out", "s", options)
         assert "--times name" not in str(refused.value)
 
 
@@ -189,7 +189,7 @@ def test_images_are_matched_by_their_exif(tmp_path: Path, order: str) -> None:
         for number, part in enumerate(parts):
             data = with_exif(jpeg(number), "2026:01:31 14:25:30", part, order)
             (folder / f"DSC_{number}.jpg").write_bytes(data)
-    session = import_recording([str(tmp_path / "rec")], tmp_path, "s", ImportOptions(times="exif"))
+    session = import_one([str(tmp_path / "rec")], tmp_path, "s", ImportOptions(times="exif"))
     assert times_of(session, "b") == [1_769_869_530_000 * MS + t * MS for t in (105, 507, 899)]
     assert [len(images) for images in session.images_by_instant()] == [2, 2, 2]
     assert session.image_file(session.manifest.images[0]).read_bytes()[:4] == b"\xff\xd8\xff\xe1"
@@ -201,15 +201,15 @@ def test_broken_or_absent_exif_says_so(tmp_path: Path) -> None:
     options = ImportOptions(times="exif")
     (folder / "1.jpg").write_bytes(jpeg(0))
     with pytest.raises(BadInputError, match="no EXIF"):
-        import_recording([str(tmp_path / "rec")], tmp_path / "out", "s", options)
+        import_one([str(tmp_path / "rec")], tmp_path / "out", "s", options)
     good = with_exif(jpeg(0), "2026:01:31 14:25:30", "1")
     for broken in (good.replace(b"II*\0", b"XX*\0"), good.replace(b"II*\0\x08\0", b"II*\0\xff\xff")):
         (folder / "1.jpg").write_bytes(broken)
         with pytest.raises(BadInputError, match="broken"):
-            import_recording([str(tmp_path / "rec")], tmp_path / "out", "s", options)
+            import_one([str(tmp_path / "rec")], tmp_path / "out", "s", options)
     (folder / "1.jpg").write_bytes(with_exif(jpeg(0), "2026:01:31 14:25:30", "ab"))
     with pytest.raises(BadInputError, match=r"1\.jpg: SubSecTimeOriginal in its EXIF is 'ab', which is not"):
-        import_recording([str(tmp_path / "rec")], tmp_path / "out", "s", options)
+        import_one([str(tmp_path / "rec")], tmp_path / "out", "s", options)
     assert not list((tmp_path / "out").glob("*"))
 
 
@@ -242,7 +242,7 @@ def test_a_table_whose_times_go_backwards_is_refused(
     table = tmp_path / "times.csv"
     table.write_text("camera,frame,time_ms\na,0,0\na,1,80\na,2,40\n")
     with pytest.raises(BadInputError, match="times go backwards: frame 2 is 40 ms before frame 1"):
-        import_recording([f"a={folder}"], tmp_path / "out", "s", ImportOptions(timestamps=[("", table)]))
+        import_one([f"a={folder}"], tmp_path / "out", "s", ImportOptions(timestamps=[("", table)]))
 
 
 @given(
@@ -356,10 +356,10 @@ def test_tables_that_never_meet_are_refused_with_their_distance(
     with pytest.raises(
         BadInputError, match=r"never meet: 3786.3 s pass .* 3786.5 s between their beginn"
     ) as no:
-        import_recording([str(folder)], tmp_path, "s", options)
+        import_one([str(folder)], tmp_path, "s", options)
     assert "--time-shift-ms" in str(no.value)
     shifted = ImportOptions(timestamps=[("", table)], offsets_ms={"b": -3_786_500.0})
-    assert not import_recording([str(folder)], tmp_path, "s", shifted).manifest.missing
+    assert not import_one([str(folder)], tmp_path, "s", shifted).manifest.missing
 
 
 def test_images_named_by_times_are_told_how_to_be_taken(tmp_path: Path) -> None:
@@ -368,5 +368,5 @@ def test_images_named_by_times_are_told_how_to_be_taken(tmp_path: Path) -> None:
         for number in range(3):
             (tmp_path / "rec" / name / f"{1_700_000_000_000_000 + 33_333 * number}.jpg").write_bytes(jpeg(1))
     with pytest.raises(BadInputError, match="named by times") as refused:
-        import_recording([str(tmp_path / "rec")], tmp_path, "s", ImportOptions())
+        import_one([str(tmp_path / "rec")], tmp_path, "s", ImportOptions())
     assert "--times name" in str(refused.value)

@@ -6,9 +6,11 @@ from pathlib import Path
 import pytest
 
 from capture_app.common.errors import BadInputError
-from capture_app.session.importing.folder_tree import describe_unused, folders_below, image_cameras
-from capture_app.session.importing.import_options import ImportOptions
-from capture_app.session.importing.recording import import_found, import_recording
+from capture_app.session.importing.found import describe_unused
+from capture_app.session.importing.importer import image_cameras
+from capture_app.session.importing.recording import ImportOptions, import_found
+from capture_app.session.importing.recording_sources import folders_below
+from tests.imported import import_one
 from tests.unit.session.conftest import jpeg
 from tests.unit.session.importing.numbered_video import write_video
 
@@ -40,7 +42,7 @@ def test_the_images_of_a_camera_that_is_named_lie_deeper(tmp_path: Path) -> None
     assert found(tmp_path / "rec", *cameras)[0] == [["l", "r"]]
     images(tmp_path / "rec" / "cam0" / "depth")
     with pytest.raises(BadInputError, match="cam0 has several folders of images or videos: data, depth"):
-        import_recording(cameras, tmp_path, "again", ImportOptions(fps=30))
+        import_one(cameras, tmp_path, "again", ImportOptions(fps=30))
 
 
 def test_videos_five_deep_beside_images_are_the_cameras(tmp_path: Path) -> None:
@@ -65,8 +67,8 @@ def test_what_is_not_used_is_one_line(tmp_path: Path, make_images: Callable[...,
     for name in ("sensor.yaml", "notes.txt", ".DS_Store", *(f"{n}.dat" for n in range(4))):
         (folder / name).write_text("x")
     said = describe_unused(folder, [folder / "left"])
-    assert said == "not used: notes.txt, sensor.yaml, 4 .dat"
-    assert describe_unused(folder / "left", [folder / "left"]) == ""
+    assert said == ["not used: notes.txt, sensor.yaml, 4 .dat"]
+    assert describe_unused(folder / "left", [folder / "left"]) == []
 
 
 def test_links_in_a_circle_end(tmp_path: Path) -> None:

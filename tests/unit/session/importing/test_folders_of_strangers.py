@@ -19,7 +19,7 @@ def test_what_cannot_be_read_in_a_folder_of_a_folder_is_said_once(tmp_path: Path
     (tmp_path / "card" / "broken.mp4").write_bytes(b"no video")
     shoots, left_out = find_shoots(tmp_path)
     assert [sorted(clips) for _, clips in shoots] == [["left", "right"]]
-    assert left_out == ["broken.mp4: it cannot be decoded"]
+    assert left_out == ["left out broken.mp4: it cannot be decoded"]
 
 
 def test_a_clip_whose_date_no_other_camera_writes_so_is_a_clip_without_a_date(tmp_path: Path) -> None:

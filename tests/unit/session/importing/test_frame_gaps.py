@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from capture_app.session.importing.frame_gaps import describe_times, find_extra_steps
-from capture_app.session.importing.import_options import ImportOptions
-from capture_app.session.importing.recording import import_recording
+from capture_app.session.importing.frame_matching import describe_times, find_extra_steps
+from capture_app.session.importing.recording import ImportOptions
+from tests.imported import import_one
 from tests.unit.session.importing.numbered_video import write_video
 
 PERIOD_US = 16_667
@@ -63,7 +63,7 @@ def test_import_reports_a_dropped_frame(tmp_path: Path, synchronized: bool) -> N
     right = write_video(tmp_path / "right.mp4", [at for number, at in enumerate(REGULAR_US) if number != 5])
     said: list[str] = []
     options = ImportOptions(synchronized=synchronized, align="none")
-    import_recording([f"left={left}", f"right={right}"], tmp_path, "s", options, talk=said.append)
+    import_one([f"left={left}", f"right={right}"], tmp_path, "s", options, talk=said.append)
     (line,) = (one for one in said if "missing" in one)
     assert line.startswith(f"right: {DROPPED}")
     # Numbers do not know that frame 5 is gone, times do.

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 
+from capture_app.cli import run
 from capture_app.session.importing.clips import find_shoots
 from tests.unit.session.importing.numbered_video import write_video
 
@@ -71,6 +72,10 @@ VARIANTS: dict[str, tuple[list[str], list[dict[str, str]]]] = {
             {"cam1": "trial2_cam1", "cam2": "trial2_cam2", "cam3": "trial2_cam3"},
         ],
     ),
+    "one folder, a drawn copy of one camera": (
+        ["cam0_kpts.mp4", "cam0_test.mp4", "cam1_test.mp4"],
+        [{"cam0": "cam0_test", "cam1": "cam1_test"}],
+    ),
 }
 
 
@@ -103,3 +108,27 @@ def test_names_that_no_label_tells_apart_are_no_take(tmp_path: Path, files: list
     shoots, _ = found(tmp_path, files)
     # Counters of one camera mean nothing for another's; equal ones are taken only for want of dates.
     assert all(len({*shoot.values()}) == 1 for shoot in shoots)
+
+
+@pytest.mark.parametrize(
+    ("clip", "copy"),
+    [
+        ("M4ROOT/CLIP/C0001.MP4", "M4ROOT/SUB/C0001S03.MP4"),
+        ("GX010012.MP4", "GL010012.MP4"),
+        ("VID_20260131_142530_00_001.mp4", "LRV_20260131_142530_01_001.mp4"),
+        ("scene.mov", "Proxy/scene.mov"),
+    ],
+)
+def test_small_copies_are_left_out_and_named(tmp_path: Path, clip: str, copy: str) -> None:
+    shoots, notes = found(tmp_path, [f"{camera}/{path}" for camera in ("a", "b") for path in (clip, copy)])
+    assert [[*shoot.values()] for shoot in shoots] == [[Path(clip).stem] * 2]
+    assert [note.partition(":")[0] for note in notes] == [f"left out {camera}/{copy}" for camera in "ab"]
+
+
+def test_equal_files_are_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    found(tmp_path / "in", ["a.mp4", "b.mp4"])
+    write_video(tmp_path / "in" / "c.mp4", (0, 33_000, 70_000))
+    assert run(["sessions", "import", str(tmp_path / "in"), "--out", str(tmp_path / "out")]) == 0
+    said = capsys.readouterr().err
+    assert said.count("are equal files") == 1
+    assert f"{tmp_path / 'in' / 'a.mp4'} and {tmp_path / 'in' / 'b.mp4'} are equal files" in said

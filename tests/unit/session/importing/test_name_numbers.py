@@ -7,9 +7,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from capture_app.session.importing.import_options import ImportOptions
-from capture_app.session.importing.name_numbers import frame_numbers, numbers_in
-from capture_app.session.importing.recording import import_recording
+from capture_app.session.importing.recording import ImportOptions
+from capture_app.session.importing.recording_sources import numbers_in
+from capture_app.session.importing.times.rules import frame_numbers
+from tests.imported import import_one
 
 NAMES: dict[str, Callable[[int], str]] = {
     "a number": "frame_{:04d}".format,
@@ -28,7 +29,7 @@ def test_a_missing_number_is_a_missing_frame(
 ) -> None:
     folder = make_images("a", [f"{named(i)}.png" for i in range(12)]).parent
     make_images("b", [f"{named(i)}.png" for i in range(12) if i != 4])
-    session = import_recording([str(folder)], tmp_path, "s", ImportOptions(fps=30))
+    session = import_one([str(folder)], tmp_path, "s", ImportOptions(fps=30))
     assert [(gone.camera, gone.instant) for gone in session.manifest.missing] == [("b", 4)]
     times = session.manifest.burst.common_times
     assert times is not None
@@ -40,7 +41,7 @@ def test_names_without_a_common_number_are_paired_by_place_and_this_is_said(
 ) -> None:
     folder = make_images("a", ["one.png", "two.png"]).parent
     make_images("b", ["five.png", "six.png"])
-    session = import_recording([str(folder)], tmp_path, "s", ImportOptions(fps=30))
+    session = import_one([str(folder)], tmp_path, "s", ImportOptions(fps=30))
     times = session.manifest.burst.common_times
     assert times is not None
     assert "paired by their place" in times.reason

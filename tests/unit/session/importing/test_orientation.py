@@ -8,11 +8,11 @@ import cv2
 import numpy as np
 import pytest
 
-from capture_app.session.importing.import_options import ImportOptions
-from capture_app.session.importing.recording import import_recording
+from capture_app.session.importing.recording import ImportOptions
 from capture_app.session.reading.decoding import decode_image, turn_upright
 from capture_app.session.reading.verify import verify
 from reconstruction.common.image_files import read_image
+from tests.imported import import_one
 
 ENDS = {1: "upright", 2: "mirrored", 3: "upside down", 6: "on its side", 8: "on its other side"}
 
@@ -53,7 +53,7 @@ def test_a_picture_is_upright_for_both_packages(suffix: str, orientation: int, t
         (tmp_path / "rec" / camera).mkdir(parents=True)
         data = with_orientation(turned(orientation), suffix, orientation)
         (tmp_path / "rec" / camera / f"0{suffix}").write_bytes(data)
-    session = import_recording([str(tmp_path / "rec")], tmp_path, "s", ImportOptions(fps=30))
+    session = import_one([str(tmp_path / "rec")], tmp_path, "s", ImportOptions(fps=30))
     assert verify(session) == []
     path = session.image_file(session.manifest.images[0])
     pictures = read_image(path), decode_image(path.read_bytes(), colour=True)

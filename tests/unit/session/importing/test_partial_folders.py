@@ -2,6 +2,7 @@
 
 import zipfile
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 
 import pytest
@@ -45,7 +46,7 @@ def test_chapters_of_a_gopro_are_one_recording(tmp_path: Path) -> None:
     ]
     assert left_out == []
     video = Video("a", tmp_path / "in" / "GX010012.MP4")
-    assert video.note == "GX010012.MP4 goes on in GX020012.MP4, GX030012.MP4"
+    assert video.notes == ("GX010012.MP4 goes on in GX020012.MP4, GX030012.MP4",)
     assert [at_ns // 1_000_000 for at_ns in video.own_times_ns()] == list(range(0, 297, 33))
     session = imported(tmp_path / "in")
     shown = numbers_of(session)
@@ -69,21 +70,40 @@ def test_what_is_no_recording_is_named_with_what_would_read_it(
     (tmp_path / "packed").mkdir()
     (tmp_path / "shoot.zip").rename(tmp_path / "packed" / "shoot.zip")
     assert "packed/shoot.zip is an archive" in refused(tmp_path / "packed", capsys)
-    flat = tmp_path / "flat"
-    flat.mkdir()
-    for number in range(3):
-        for side in ("L", "R"):
-            (flat / f"{side}_{number:04}.jpg").write_bytes(jpeg(number))
-    talk = refused(flat, capsys)
-    assert "6 images of 2 cameras by their names: L, R" in talk.replace("R, L", "L, R")
-    assert "mv L*.jpg L/" in talk
     single = tmp_path / "single"
     single.mkdir()
     for number in range(3):
         (single / f"IMG_{number:04}.jpg").write_bytes(jpeg(number))
     talk = refused(single, capsys)
-    assert "3 images of one camera" in talk
+    assert "3 images, whose names tell no cameras apart" in talk
     assert f"capture-app sessions import cam0={single} --fps" in talk
+
+
+@pytest.mark.parametrize("name", ["{}_{:04}", "image{}{}", "frame_{1:04}_{0}", "walk-{1}{0}"])
+@pytest.mark.parametrize("place", ["", "images"])
+def test_images_of_several_cameras_in_one_folder(
+    tmp_path: Path, name: str, place: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As in sourishg/stereo-calibration and niconielsen32/ComputerVision; suffixes too."""
+    (tmp_path / "in" / place).mkdir(parents=True)
+    for number, side in product(range(8, 11), ("L", "R")):
+        (tmp_path / "in" / place / f"{name.format(side, number)}.jpg").write_bytes(jpeg(number))
+    session = imported(tmp_path / "in", "--fps", "30")
+    assert [camera.name[-1] for camera in session.manifest.cameras] == ["L", "R"]
+    assert [len(images) for images in session.images_by_instant()] == [2, 2, 2]
+    assert "3 images of" in capsys.readouterr().err
+
+
+def test_folders_with_images_of_several_cameras_are_no_cameras(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """calib_imgs/1 and calib_imgs/2, each with left and right (sourishg/stereo-calibration)."""
+    for take, number, side in product("12", range(3), ("left", "right")):
+        (tmp_path / "in" / take).mkdir(parents=True, exist_ok=True)
+        (tmp_path / "in" / take / f"{side}{number}.jpg").write_bytes(jpeg(number))
+    talk = refused(tmp_path / "in", capsys)
+    assert "folders with images of several cameras" in talk
+    assert f"capture-app sessions import {tmp_path / 'in' / '1'}" in talk
 
 
 def test_a_file_whose_name_is_no_camera_name_gets_one_like_it(tmp_path: Path) -> None:

@@ -8,7 +8,8 @@ import pytest
 from capture_app.common.errors import BadInputError
 from capture_app.session.importing.frame_matching import Timeline
 from capture_app.session.importing.recording_sources import Source
-from capture_app.session.importing.times.rate_or_table import timeline_by_rate, timeline_by_tables
+from capture_app.session.importing.times.rules import timeline_by_rate
+from capture_app.session.importing.times.tables import timeline_by_tables
 
 
 class Numbers(Source):

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from capture_app.common.errors import NotApplicableError
-from capture_app.session.importing.import_options import ImportOptions
 from capture_app.session.importing.realigning import repair_drops
-from capture_app.session.importing.recording import import_recording
+from capture_app.session.importing.recording import ImportOptions
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
+from tests.imported import import_one
 from tests.unit.session.conftest import jpeg
 
 PERIOD_NS = 100_000_000
@@ -23,7 +23,7 @@ def imported(root: Path, **frames: list[int]) -> Session:
         folder.mkdir(parents=True)
         for number, frame in enumerate(shown):
             (folder / f"{number}.jpg").write_bytes(jpeg(frame))
-    return import_recording([str(root / "recording")], root, "take", ImportOptions(fps=10))
+    return import_one([str(root / "recording")], root, "take", ImportOptions(fps=10))
 
 
 def frames_at(session: Session, number: int) -> dict[str, int]:

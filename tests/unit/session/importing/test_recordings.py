@@ -14,10 +14,10 @@ from capture_app.common.errors import BadInputError
 from capture_app.session.format.calibration import CameraCalibration
 from capture_app.session.importing import recording_sources
 from capture_app.session.importing.frame_matching import TimedFrame, at_slowest_rate, timeline_by_times
-from capture_app.session.importing.import_options import ImportOptions
-from capture_app.session.importing.recording import import_recording
+from capture_app.session.importing.recording import ImportOptions
 from capture_app.session.reading.decoding import encode_image
 from capture_app.session.reading.verify import verify
+from tests.imported import import_one
 
 Array = NDArray[np.float64]
 MakeImages = Callable[..., Path]
@@ -39,7 +39,7 @@ def video(tmp_path: Path) -> Path:
 def test_folders_of_images_keep_their_bytes(make_images: MakeImages, tmp_path: Path) -> None:
     left = make_images("left", ["9.png", "10.png", "12.png"])
     right = make_images("right", ["frame_0009.png", "frame_0010.png", "frame_0011.png"])
-    session = import_recording(
+    session = import_one(
         [str(left.parent)], tmp_path / "out", "rec", ImportOptions(fps=50, uncertainty_ms=1.5, note="hello")
     )
     assert verify(session) == []
@@ -58,7 +58,7 @@ def test_folders_of_images_keep_their_bytes(make_images: MakeImages, tmp_path: P
 
 def test_videos_give_the_frames_asked_for(video: Path, tmp_path: Path) -> None:
     options = ImportOptions(fps=30, start=2, every=3, count=2, png=True)
-    session = import_recording([str(video)], tmp_path, "rec", options)
+    session = import_one([str(video)], tmp_path, "rec", options)
     assert session.manifest.burst.instants_ns == (66_666_667, 166_666_667)
     for instant, bright in zip(session.images_by_instant(), (50, 110), strict=True):
         for record in instant.values():
@@ -73,7 +73,7 @@ def test_an_unreadable_end_of_a_video_is_missing(video: Path, tmp_path: Path) ->
     data = path.read_bytes()
     start = data.rindex(b"00dc", 0, data.rindex(b"idx1"))
     path.write_bytes(data[: start + 8] + b"\0" * (len(data) - start - 8))
-    session = import_recording([str(video)], tmp_path, "rec", ImportOptions(fps=30))
+    session = import_one([str(video)], tmp_path, "rec", ImportOptions(fps=30))
     gone = session.manifest.missing
     assert gone
     assert {record.camera for record in gone} == {"cam1"}
@@ -93,7 +93,7 @@ def test_bad_options_say_why_and_leave_nothing(
     video: Path, tmp_path: Path, options: ImportOptions, reason: str
 ) -> None:
     with pytest.raises(BadInputError, match=reason):
-        import_recording([str(video)], tmp_path / "out", "rec", options)
+        import_one([str(video)], tmp_path / "out", "rec", options)
     assert not (tmp_path / "out" / "rec").exists()
 
 
@@ -120,7 +120,7 @@ def test_a_calibration_of_another_size_is_refused_before_the_frames_are_decoded(
     for number, name in enumerate(("left", "right")):
         shutil.copy(sorted(video.glob("*.avi"))[number], folder / f"{name}.avi")
     with pytest.raises(BadInputError, match="64x64 pixels, its images are 64x48"):
-        import_recording([str(folder)], tmp_path, "rec", ImportOptions(fps=30, calibration=(str(path),)))
+        import_one([str(folder)], tmp_path, "rec", ImportOptions(fps=30, calibration=(str(path),)))
     assert len(decoded) == 2, "one frame of each camera"
 
 
@@ -130,11 +130,11 @@ def test_bad_recordings_say_why_and_leave_nothing(make_images: MakeImages, tmp_p
 
     def refuse(reason: str, *paths: str) -> None:
         with pytest.raises(BadInputError, match=reason):
-            import_recording(list(paths), out, "rec", options)
+            import_one(list(paths), out, "rec", options)
         assert not (out / "rec").exists()
 
     refuse("nothing at", str(tmp_path / "nowhere"))
-    refuse("2 images of one camera", str(folder))
+    refuse("2 images, whose names tell no cameras apart", str(folder))
     refuse("two cameras are named left", str(folder.parent), f"left={folder}")
     (tmp_path / "empty").mkdir()
     refuse("no images in", f"a={tmp_path / 'empty'}")
@@ -168,7 +168,7 @@ def test_caliscope_points_project_where_they_were_seen(shared: Path, tmp_path: P
         count=3,
         calibration=(str(folder / "camera_array.toml"),),
     )
-    session = import_recording([str(recording)], tmp_path, "board", options)
+    session = import_one([str(recording)], tmp_path, "board", options)
     assert len(session.manifest.images) == 12
     assert session.manifest.burst.period_ns == pytest.approx(1e9 / 6, rel=0.01)
     first = session.images_by_instant()[0]

@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from capture_app.session.format.camera_labels import pair_labels
-from capture_app.session.importing.import_options import ImportOptions
-from capture_app.session.importing.recording import import_recording
+from capture_app.session.importing.recording import ImportOptions
+from tests.imported import import_one
 
 FRAMES: dict[str, Callable[[int], str]] = {
     # Kitware/dive#1742: a time with a fraction between a flight's name and the camera's kind.
@@ -49,7 +49,7 @@ def test_a_frame_that_one_camera_lacks_is_missing_there(
 ) -> None:
     folder = make_images("a", [f"{named(i)}.png" for i in range(8)]).parent
     make_images("b", [f"{named(i)}.png" for i in range(8) if i != 3])
-    session = import_recording([str(folder)], tmp_path, "s", ImportOptions(fps=30))
+    session = import_one([str(folder)], tmp_path, "s", ImportOptions(fps=30))
     (missing,) = [(gone.camera, gone.instant) for gone in session.manifest.missing if gone.camera == "b"]
     a = [image.instant for image in session.manifest.images if image.camera == "a"]
     assert missing == ("b", a[3])

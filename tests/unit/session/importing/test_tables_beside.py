@@ -8,8 +8,7 @@ import pytest
 from capture_app.cli import run
 from capture_app.common.errors import ExitCode
 from capture_app.session.format.common_times import CommonTimes
-from capture_app.session.importing.import_options import ImportOptions
-from capture_app.session.importing.recording import import_found
+from capture_app.session.importing.recording import ImportOptions, import_found
 from capture_app.session.reading.reader import Session
 from tests.unit.session.importing.numbered_video import numbers_of, write_video
 

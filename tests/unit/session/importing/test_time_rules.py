@@ -9,12 +9,16 @@ import pytest
 
 from capture_app.common.errors import BadInputError
 from capture_app.session.format.common_times import CommonTimes
-from capture_app.session.importing.embedded_times import TimeSource
 from capture_app.session.importing.frame_matching import TimedFrame, Timeline, timeline_by_times
-from capture_app.session.importing.name_numbers import numbers_in
-from capture_app.session.importing.recording_sources import FOLDER, Images, Layout, Source, Video
+from capture_app.session.importing.recording_sources import FOLDER, Images, Layout, Source, Video, numbers_in
 from capture_app.session.importing.times import rules
-from capture_app.session.importing.times.rules import BY_PLACE, EQUAL_NUMBERS, TimeOptions, make_times
+from capture_app.session.importing.times.rules import (
+    BY_PLACE,
+    EQUAL_NUMBERS,
+    TimeOptions,
+    TimeSource,
+    make_times,
+)
 
 MS = 1_000_000
 NAMED = {
@@ -169,7 +173,7 @@ def test_each_combination_is_one_rule_or_a_refusal(name: str) -> None:
     for options in OPTIONS:
         layout = LAYOUTS[name]()
         try:
-            times = make_times(layout, options, lambda said: None)
+            times = make_times(layout, options)
         except BadInputError:
             continue
         assert times.common is not None
@@ -189,9 +193,9 @@ def test_each_combination_is_one_rule_or_a_refusal(name: str) -> None:
 )
 def test_synchronized_beside_other_times_is_refused(options: TimeOptions) -> None:
     with pytest.raises(BadInputError, match="--synchronized pairs frames of equal number, --"):
-        make_times(LAYOUTS["numbered"](), options, lambda said: None)
+        make_times(LAYOUTS["numbered"](), options)
 
 
 def test_what_the_user_says_goes_before_what_a_program_stored() -> None:
-    times = make_times(LAYOUTS["a program's table"](), TimeOptions(synchronized=True), lambda said: None)
+    times = make_times(LAYOUTS["a program's table"](), TimeOptions(synchronized=True))
     assert times.common == CommonTimes(state="given", reason=EQUAL_NUMBERS)

@@ -8,8 +8,7 @@ import cv2
 import pytest
 
 from capture_app.common.errors import NotAvailableError
-from capture_app.session.importing.import_options import ImportOptions
-from capture_app.session.importing.recording import import_recording
+from capture_app.session.importing.recording import ImportOptions
 from capture_app.session.reading.reader import Session
 from reconstruction.checks.triangulation.triangulation_study import TriangulationStudy
 from reconstruction.method.comparison_results import CompareResult
@@ -19,6 +18,7 @@ from reconstruction.methods.stereo.stereo_study import StereoStudy
 from reconstruction.scene.conditions import SYNCED, Condition, nearest_frame_offset
 from reconstruction.scene.dataset import Dataset
 from reconstruction.scene.scene import Scene as OpenScene
+from tests.imported import import_one
 from tests.unit.reconstruction.conftest import VIEWS, Reconstruct, Scene, make_view, write_session
 from tests.unit.reconstruction.found import study as found_study
 from tests.unit.reconstruction.found import values
@@ -142,7 +142,7 @@ def test_a_comparison_shows_the_points(scene: Scene, tmp_path: Path, reconstruct
 def test_a_real_ball_is_a_point_only_when_synchronized(shared: Path, tmp_path: Path) -> None:
     folder = shared / "footage" / "ball_launch"
     options = ImportOptions(fps=60, calibration=(str(folder / "calibration"),), unit="in")
-    session = import_recording([str(folder)], tmp_path, "ball", options)
+    session = import_one([str(folder)], tmp_path, "ball", options)
     found = compared(study(session))
     synced, offset = (
         sum(row[f"{side}_mover_points"] or 0 for row in found.per_instant) for side in ("synced", "offset")

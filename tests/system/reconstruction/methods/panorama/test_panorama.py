@@ -7,10 +7,10 @@ import cv2
 import numpy as np
 import pytest
 
-from capture_app.session.importing.import_options import ImportOptions
-from capture_app.session.importing.recording import import_recording
+from capture_app.session.importing.recording import ImportOptions
 from capture_app.session.reading.reader import Session
 from reconstruction.methods.panorama.registration import register_images
+from tests.imported import import_one
 from tests.unit.reconstruction.conftest import Reconstruct
 from tests.unit.reconstruction.methods.panorama.test_panorama import (
     judged,
@@ -86,7 +86,7 @@ def test_real_pictures_come_out_whole(
     source = folder
     if imported:
         cameras = [f"cam{i}={folder / str(i)}.jpg" for i in range(1, count + 1)]
-        source = import_recording(cameras, tmp_path, "stills", ImportOptions()).folder
+        source = import_one(cameras, tmp_path, "stills", ImportOptions()).folder
         kept = (source / "images" / "rig1" / "cam1" / "000000.jpg").read_bytes()
         assert kept == (folder / "1.jpg").read_bytes()
     result = reconstruct("panorama", source, "--out", tmp_path / "out", "--json").result

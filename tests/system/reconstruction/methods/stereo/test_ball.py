@@ -13,12 +13,12 @@ import cv2
 import numpy as np
 import pytest
 
-from capture_app.session.importing.import_options import ImportOptions
-from capture_app.session.importing.recording import import_recording
+from capture_app.session.importing.recording import ImportOptions
 from reconstruction.common.geometry import Array
 from reconstruction.methods.stereo.stereo_pair import StereoPair
 from reconstruction.scene.calibration.soundness import calibrated_views
 from reconstruction.scene.dataset import Dataset
+from tests.imported import import_one
 
 LATE = 4
 ACROSS_PX = 3.0
@@ -42,7 +42,7 @@ class Throw:
 
     def __init__(self, folder: Path, scratch: Path) -> None:
         options = ImportOptions(fps=60, calibration=(str(folder / "calibration"),), unit="in")
-        self.session = import_recording([str(folder)], scratch, "ball", options)
+        self.session = import_one([str(folder)], scratch, "ball", options)
         self.dataset = Dataset.open(self.session.folder)
         calibration = self.session.calibration()
         assert calibration is not None

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from capture_app.session.exporting.export_session import export_session
-from capture_app.session.importing.import_options import ImportOptions
-from capture_app.session.importing.recording import import_recording
+from capture_app.session.importing.recording import ImportOptions
 from capture_app.session.reading.reader import Session
 from reconstruction.common.geometry import View, other_from_reference
+from tests.imported import import_one
 from tests.unit.reconstruction.conftest import (
     VIEWS,
     Reconstruct,
@@ -55,7 +55,7 @@ def test_webcams_all_around_a_real_board_are_calibrated_as_their_owner_did(
         every=4,
         calibration=(str(folder / "camera_array.toml"),),
     )
-    session = import_recording([str(recording)], tmp_path, "board", options)
+    session = import_one([str(recording)], tmp_path, "board", options)
     theirs = session.calibration()
     assert theirs is not None
     # White on black, on glass; cam_1 sees it from behind.

@@ -1,4 +1,4 @@
-"""Rerun's own file; skipped where its large package is not installed (the extra `rerun`)."""
+"""Exports read by Rerun; skipped where it is not installed (`make readers`)."""
 
 import subprocess
 import sys
@@ -8,7 +8,7 @@ import pytest
 
 from tests.unit.plugins.programs.conftest import Export, Make
 
-pytest.importorskip("rerun", reason="rerun-sdk is not installed")
+pytest.importorskip("rerun", reason="make readers: rerun-sdk is not installed")
 
 
 def test_rerun_reads_it(make: Make, export: Export, tmp_path: Path) -> None:

@@ -1,0 +1,20 @@
+"""A recording imported as its only session."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from capture_app.common.text import Talk
+from capture_app.session.importing.recording import ImportOptions, import_found
+from capture_app.session.reading.reader import Session
+
+
+def import_one(
+    paths: Sequence[str],
+    root: Path,
+    name: str,
+    options: ImportOptions,
+    *,
+    talk: Talk = lambda said: None,
+) -> Session:
+    (session,) = import_found(paths, root, name, options, talk=talk)
+    return session

@@ -390,8 +390,7 @@ class Uploader:
         """Report to the leader that a stream was moved, for every recording that is under way."""
         for upload in filter(lambda of: of.is_picking, self._bursts):
             camera = upload.report.plan.camera
-            moves = (*camera.moves, move)[:MAX_MOVES]
-            upload.report = upload.report.with_plan(camera=replace(camera, moves=moves))
+            upload.change_report(camera=replace(camera, moves=(*camera.moves, move)[:MAX_MOVES]))
         self._changed.set()
 
     def cancel_burst(self, leader: int, burst: int) -> None:

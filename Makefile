@@ -12,7 +12,7 @@
 # make test KIND=gige   three GigE Vision cameras of aravis's own making in network namespaces (root, gir1.2-aravis-0.8, gcc; 5 min)
 # make test KIND=mixed   one rig of five kinds: libcamera's double, GigE Vision, a browser, a simulated phone, a recording (root, as KIND=gige, and Chromium)
 # make test KIND=slurm   batches on a real SLURM of this one machine (root)
-# make readers   the programs that exports are for, so that `make test KIND=system` tries each export with them (670 MB)
+# make readers   the programs that exports are for, so that `make test KIND=system` tries each export with them (950 MB)
 # make test-dist   wheel and sdist in clean environments, with the demo (PYTHONS="python3.11 python3.13": with these)
 # make bench NAME=sync   clock synchronization on an emulated WiFi link, beside other filters (root, 10 min; BENCH=--quick: 1 min)
 # make bench NAME=relay   a rig with cameras below a relay, over two emulated WiFi links (root, 6 min)

@@ -5,6 +5,7 @@ import contextlib
 import functools
 import sys
 from collections.abc import Callable
+from contextlib import aclosing
 from typing import TYPE_CHECKING
 
 import click
@@ -21,9 +22,6 @@ if TYPE_CHECKING:
 
     from capture_app.board.coverage import BoardCoverage
     from capture_app.board.detector import Board
-
-PREVIEW_PX = 1280
-"""Width of the previews in which the board is detected."""
 
 
 @click.command(
@@ -65,44 +63,18 @@ async def _count(
     for_s: float | None,
     show: "Callable[[BoardCoverage], None]",
 ) -> "BoardCoverage":
-    from capture_app.board.coverage import CoverageCount, PreviewCount
-    from capture_app.protocol.status import Preview
+    from capture_app.rig.board_coverage import watch_coverage
     from capture_app.rig.rig_link import LinkLost, RigLink, ask_status
-    from capture_app.session.reading.decoding import decode_preview
 
-    cameras = {
-        node.name: (node.camera.width, node.camera.height)
-        for node in (await ask_status(leader)).nodes
-        if node.camera.width
-    }
-    if not cameras:
-        raise IncompleteError(
-            f"no camera has joined {leader}",
-            hint=f"start one: capture-app node --leader {leader} --camera SPEC",
-        )
-    count = PreviewCount(board, cameras)
-    link = RigLink(leader)
-    await link.want_previews(cameras=None, width=PREVIEW_PX, fps=3.0)
-    shown = CoverageCount(board, cameras).coverage()
-    show(shown)
-    lost = False
+    rig = await ask_status(leader)
     with contextlib.suppress(TimeoutError):
-        async with asyncio.timeout(for_s):
-            async for update in link.updates():
-                # The link reconnects by itself, and requests the previews again.
-                if isinstance(update, LinkLost):
-                    talk(f"{update.reason}; reconnecting, and the count so far is kept")
-                elif lost:
-                    talk("the rig is connected again: the count continues")
-                lost = isinstance(update, LinkLost)
-                if isinstance(update, Preview) and update.camera in cameras:
-                    preview = await asyncio.to_thread(decode_preview, update.jpeg)
-                    now = await asyncio.to_thread(count.add, update.camera, update.leader_ns, preview)
-                    if now != shown:
-                        show(now)
-                    shown = now
-                    if now.enough:
-                        break
+        async with asyncio.timeout(for_s), aclosing(watch_coverage(RigLink(leader), rig, board)) as changes:
+            async for found in changes:
+                if isinstance(found, LinkLost):
+                    talk(f"{found.reason}; reconnecting, and the count so far is kept")
+                else:
+                    shown = found
+                    show(shown)
     return shown
 
 

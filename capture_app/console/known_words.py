@@ -143,29 +143,19 @@ def advise(error: click.UsageError) -> str:
     """Return the message of a usage error, with what was probably meant by an unknown command or option."""
     if error.ctx is None:
         return error.format_message()
+    command = error.ctx.command
     if isinstance(error, click.NoSuchOption):
-        mine = [
-            name
-            for param in error.ctx.command.get_params(error.ctx)
-            for name in param.opts
-            if name[:1] == "-"
-        ]
-        word = error.option_name.lstrip("-").replace("_", "-").casefold()
-        known = (line.split() for line in _OPTIONS)
-        meant = next((option for option, *words in known if option in mine and word in words), None)
-        close = get_close_matches(error.option_name, mine, 1, _CLOSE)
-        return _message(f"No such option '{error.option_name}'", meant, close)
-    if isinstance(error, click.NoSuchCommand) and isinstance(error.ctx.command, click.Group):
-        word = error.command_name.casefold()
-        program = error.ctx.command_path
-        table = _COMMANDS.get(program, {})
-        meant = next((line for line, words in table.items() if word in words.split()), None)
-        close = get_close_matches(word, error.ctx.command.list_commands(error.ctx), 1, _CLOSE)
-        return _message(f"No such command '{error.command_name}'", meant, close)
-    return error.format_message()
-
-
-def _message(unknown: str, meant: str | None, close: list[str]) -> str:
-    if meant is not None:
-        return f"{unknown}: it is {meant}"
+        what, typed, word = "option", error.option_name, error.option_name.lstrip("-").replace("_", "-")
+        names = [name for param in command.get_params(error.ctx) for name in param.opts if name[:1] == "-"]
+        known = {line.split()[0]: line for line in _OPTIONS if line.split()[0] in names}
+    elif isinstance(error, click.NoSuchCommand) and isinstance(command, click.Group):
+        what, typed, word = "command", error.command_name, error.command_name
+        names, known = command.list_commands(error.ctx), _COMMANDS.get(error.ctx.command_path, {})
+    else:
+        return error.format_message()
+    unknown = f"No such {what} '{typed}'"
+    for meant, words in known.items():
+        if word.casefold() in words.split():
+            return f"{unknown}: it is {meant}"
+    close = get_close_matches(typed.casefold(), names, 1, _CLOSE)
     return f"{unknown}. Did you mean '{close[0]}'?" if close else unknown

@@ -318,7 +318,10 @@ class Channel(Generic[M], AbstractAsyncContextManager["Channel[M]"]):
         except OSError:
             self.abort()
 
-    async def __aexit__(self, *_: object) -> None:
+    async def __aexit__(self, error: type[BaseException] | None, *_: object) -> None:
+        if error is asyncio.CancelledError and self._stream_timeouts is FOR_EVER:
+            # A program that is stopped does not wait for a leader that it may not reach.
+            self.abort()
         await self.close()
 
 

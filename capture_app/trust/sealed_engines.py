@@ -15,7 +15,6 @@ from capture_app.sync.wire.codec import (
     decode,
     encode,
     is_version_answer,
-    is_version_question,
     version_answer,
 )
 from capture_app.sync.wire.datagrams import Hello, JoinRefusal, Principal
@@ -63,6 +62,8 @@ class SealedLeader:
     def receive_datagram(self, data: bytes, address: Address, now_ns: int) -> None:
         """Process a datagram if a client has sealed it in its own name."""
         if (opened := self._open(data, address)) is None:
+            if version_answer(data) is not None:
+                self._leader.note_version(data, address, now_ns)
             return
         before = self._leader.impostures
         self._engine.receive_datagram(opened[0], address, now_ns, opened[1])
@@ -83,7 +84,7 @@ class SealedLeader:
         try:
             return self.keys.open(data, address)
         except SealError as error:
-            if not is_version_question(data):
+            if version_answer(data) is None:
                 self.refusals.add(address[0], error.why)
             answer = _answer_to_unknown(data, error.why)
             if answer is not None and len(answer) <= len(data) and len(self._notices) < MAX_NOTICES:

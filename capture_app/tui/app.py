@@ -7,7 +7,7 @@ import os
 import signal
 import threading
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
@@ -47,12 +47,6 @@ FOREIGN_JOBS_S = 2.0
 """Interval at which the state of another screen's jobs is read, s."""
 SETTLED_S = 5.0
 """Time from the start after which what is in memory stays there, in seconds."""
-_VIEWS: dict[str, type[ModeView]] = {
-    "rig": RigView,
-    "shoot": ShootView,
-    "sessions": SessionsView,
-    "jobs": JobsView,
-}
 NAMED_JOBS = 2
 """Maximum number of jobs named in the quit question; the rest are counted."""
 
@@ -84,8 +78,8 @@ def quit_question(
     if jobs:
         more = f" and {count(len(jobs) - NAMED_JOBS, 'more job')}" if len(jobs) > NAMED_JOBS else ""
         lines.append(
-            f"{', '.join(jobs[:NAMED_JOBS])}{more} {'ends' if len(jobs) == 1 else 'end'} with the screen "
-            "and saves no result."
+            f"{', '.join(jobs[:NAMED_JOBS])}{more} {'ends' if len(jobs) == 1 else 'end'} with the screen, "
+            "without a result."
         )
     if not lines:
         return None
@@ -137,16 +131,20 @@ class SimulshotApp(App[None]):
         super().__init__(ansi_color=True if "NO_COLOR" in os.environ else None)
         self._source = source
         self._settings = settings
-        self._sessions = sessions
         self._local = local
         self._started = started
         self.sharp_terminal = sharp_terminal
         self._record = record or RigRecord()
         self.runs = Runs(sessions, self._notify_run)
-        self._depth = depth
-        self._views: dict[str, ModeView] = {}
-        for mode in MODES:
-            self.add_mode(mode, partial(self._mode_screen, mode))
+        samples, rig = find_samples(sessions), (source, self._record, settings)
+        self._views: dict[str, ModeView] = {
+            "rig": RigView(*rig, sessions, samples, local=local),
+            "shoot": ShootView(*rig, self.runs if depth else None),
+            "sessions": SessionsView(sessions, self.runs, samples, settings),
+            "jobs": JobsView(self.runs),
+        }
+        for mode, view in self._views.items():
+            self.add_mode(mode, partial(ModeScreen, mode, view, self._record))
         for theme in THEMES:
             self.register_theme(theme)
         chosen = PLAIN.name if self.no_color else settings.recall("theme", DARK.name)
@@ -177,18 +175,6 @@ class SimulshotApp(App[None]):
     async def on_unmount(self) -> None:
         """Stop the runs of commands; each result is then complete or absent."""
         await self.runs.close()
-
-    def _mode_screen(self, mode: str) -> ModeScreen:
-        samples, depth_runs = find_samples(self._sessions), self.runs if self._depth else None
-        rig = self._source, self._record, self._settings
-        views: dict[str, Callable[[], ModeView]] = {
-            "rig": lambda: RigView(*rig, self._sessions, samples, local=self._local),
-            "shoot": lambda: ShootView(*rig, depth_runs),
-            "sessions": lambda: SessionsView(self._sessions, self.runs, samples, self._settings),
-            "jobs": lambda: JobsView(self.runs),
-        }
-        self._views[mode] = views[mode]()
-        return ModeScreen(mode, self._views[mode], self._record)
 
     # Updates for screens; a hidden screen reads the record when it is shown
 
@@ -289,15 +275,15 @@ class SimulshotApp(App[None]):
                     f"key {self.get_key_display(binding)}",
                     partial(self.run_action, binding.action, node),
                 )
-        for mode, kind in _VIEWS.items():
-            for one in Binding.make_bindings(kind.BINDINGS):
+        for mode, view in self._views.items():
+            for one in Binding.make_bindings(view.BINDINGS):
                 if one.id is not None and one.id not in seen:
                     seen.add(one.id)
                     key = self._settings.keys.get(one.id, one.key).partition(",")[0]
                     yield SystemCommand(
                         f"{one.description}: {one.tooltip}" if one.tooltip else one.description,
                         f"in {MODES[mode]}, key {one.key_display or key}",
-                        partial(self._run_in_mode, mode, one.action),
+                        partial(self.action_run_in_mode, mode, one.action),
                     )
         yield SystemCommand(
             "Exposure, gain, white balance, focus",
@@ -312,7 +298,7 @@ class SimulshotApp(App[None]):
         if isinstance(self.screen, CameraScreen):
             self.screen.action_leave()
 
-    async def _run_in_mode(self, mode: str, action: str) -> None:
+    async def action_run_in_mode(self, mode: str, action: str) -> None:
         """Switch to a mode and run an action of its view there."""
         await self.action_switch_mode(mode)
         await self.run_action(action, self._views[mode])

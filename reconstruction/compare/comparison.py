@@ -22,7 +22,7 @@ from reconstruction.common.worker_pool import worker_pool
 from reconstruction.compare.tolerance_study import measure_curve, whole_frame_offsets
 from reconstruction.method.comparison_results import CompareResult, ConditionResult
 from reconstruction.method.interface import scored
-from reconstruction.method.score import TIMING, Context, Score, study_reports
+from reconstruction.method.score import TIMING, Context, Score, say_all, study_reports
 from reconstruction.method.timing import measure_pair_timing, measure_rig_timing, with_depth
 from reconstruction.report.comparison_report import report_words, write_report
 from reconstruction.report.findings import verdict
@@ -271,7 +271,7 @@ class Comparison:
         made = tuple(sorted(self.known["studies"], key=lambda study: order.index(study.name)))
         fields = self.known | {"studies": made, "calibration": self.context.scene.source}
         result = with_provenance(CompareResult(**fields, **more), self._began_s, self.options.time_shifts_ms)
-        return structs.replace(result, verdict=verdict(result), words=report_words(result))
+        return structs.replace(result, verdict=say_all(result, verdict), words=say_all(result, report_words))
 
 
 def _chosen(studies: Mapping[str, Score], names: Sequence[str]) -> dict[str, Score]:

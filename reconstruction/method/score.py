@@ -399,27 +399,32 @@ class Score:
         return pairs, {} if late_ms is None else {first: 0.0, second: late_ms}
 
 
-class Words:
-    """What scores say and show: words that fail cost their own sentence or section, and are named."""
-
-    def __init__(self) -> None:
-        self.failed: dict[str, str] = {}
-        """The reason by the subject of each score whose words failed."""
-
-    def of(self, score: type[Score], make: Callable[[], T], otherwise: T) -> T:
-        """Return what `make` says for a score, or `otherwise` if that fails, which is logged."""
-        try:
-            return make()
-        except (SimulshotError, OSError):
+def say_all(result: CompareResult, say: Callable[[CompareResult], T]) -> T:
+    """Return what `say` says of a result; a study whose words fail is in it by its failure only, logged."""
+    try:
+        return say(result)
+    except Exception as error:
+        if isinstance(error, SimulshotError | OSError) or os.environ.get(TRACEBACK):
             raise
-        except Exception as error:
-            if os.environ.get(TRACEBACK):
-                raise
-            what = unexpected_error(error).what
-            if score.text.subject not in self.failed:
-                _log.warning("the words of %s failed: %s", score.text.subject, what)
-            self.failed[score.text.subject] = what
-            return otherwise
+        studies = tuple(_sayable(found, result, say) for found in result.studies)
+        if studies == result.studies:
+            raise
+        return say(msgspec.structs.replace(result, studies=studies))
+
+
+def _sayable(
+    found: StudyResult[Any], result: CompareResult, say: Callable[[CompareResult], object]
+) -> StudyResult[Any]:
+    """Return a study's result, or its failure if its words fail where it is alone."""
+    try:
+        say(msgspec.structs.replace(result, studies=(found,)))
+    except Exception as error:
+        if isinstance(error, SimulshotError | OSError):
+            raise
+        what = f"its words failed: {unexpected_error(error).what}"
+        _log.warning("%s: %s", study_reports()[found.name].text.subject, what)
+        return msgspec.structs.replace(found, skipped=what, failed=True)
+    return found
 
 
 @cache

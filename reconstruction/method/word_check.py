@@ -4,15 +4,15 @@ A test of a package with a method calls `check_words` with its score. Ours are c
 """
 
 from collections.abc import Iterator
-from functools import partial
 from itertools import product
 from typing import Any
 
 from msgspec.structs import replace
 
 from capture_app.common.errors import BadInputError
+from reconstruction.common.native_libraries import unexpected_error
 from reconstruction.method.comparison_results import CompareResult
-from reconstruction.method.score import Score, Words
+from reconstruction.method.score import Score
 from reconstruction.method.study_result import Interval, Measure, StudyResult
 from reconstruction.method.timing import Timing
 
@@ -29,19 +29,20 @@ def check_words(score: type[Score], facts: Any = None) -> None:
     Raises:
         BadInputError: a template or a text names what does not exist; it says which.
     """
-    words, text = Words(), score.text
+    text = score.text
     texts = (text.caption, text.engine, text.details, *(measure.text for measure in text.measures))
-    for found, result in _results(score, facts):
-        placeholders = score.placeholders(found)
-        for told in texts:
-            words.of(score, partial(told.format, **placeholders), "")
-        for say in (score.verdict, score.as_recorded, score.control_sentence):
-            words.of(score, partial(say, result, found), None)
-    if words.failed:
+    try:
+        for found, result in _results(score, facts):
+            placeholders = score.placeholders(found)
+            for told in texts:
+                told.format(**placeholders)
+            for say in (score.verdict, score.as_recorded, score.control_sentence):
+                say(result, found)
+    except Exception as error:
         raise BadInputError(
-            f"the words of {score.__module__} fail: {words.failed[score.text.subject]}",
+            f"the words of {score.__module__} fail: {unexpected_error(error).what}",
             hint="correct the template or the key that it names",
-        )
+        ) from error
 
 
 def _results(score: type[Score], facts: Any) -> Iterator[tuple[StudyResult[Any], CompareResult]]:

@@ -6,13 +6,10 @@ from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
-from msgspec.structs import replace
-
-from capture_app.common.errors import SimulshotError
 from capture_app.common.text import count
 from reconstruction.method.comparison_results import CompareResult
 from reconstruction.method.phrases import LIMITS, UNSYNCHRONIZED
-from reconstruction.method.score import Words, reported, study_reports
+from reconstruction.method.score import reported, say_all, study_reports
 from reconstruction.method.study_result import StudyResult
 from reconstruction.pages.embedding import embed_image
 from reconstruction.pages.page import Section, as_template, render_page, write_page
@@ -41,7 +38,7 @@ def write_report(result: CompareResult, out: Path, running: Sequence[str] = ()) 
     Raises:
         BadInputError: a picture is missing or is neither PNG nor JPEG, or the page cannot be written.
     """
-    return write_page(_page(result, out, running), out)
+    return write_page(say_all(result, partial(_page, out=out, running=running)), out)
 
 
 def report_words(result: CompareResult) -> dict[str, Any]:
@@ -55,9 +52,8 @@ def report_words(result: CompareResult) -> dict[str, Any]:
     each column.
     """
     names = name_conditions(result)
-    words = Words()
-    made = [
-        words.of(study, partial(study_table, found, name_conditions(result, found.cameras)), None)
+    tables = [
+        study_table(found, name_conditions(result, found.cameras))
         for study, found in reported(result)
         if study.text.measures
     ]
@@ -72,7 +68,7 @@ def report_words(result: CompareResult) -> dict[str, Any]:
                 "columns": [column.name for column in table.columns],
                 "rows": [(row.name, *(cell.text for cell in row.cells)) for row in table.rows],
             }
-            for table in filter(None, made)
+            for table in tables
         ],
     }
 
@@ -103,26 +99,6 @@ def _view(result: CompareResult, found: StudyResult[Any], out: Path) -> dict[str
 
 
 def _page(result: CompareResult, out: Path, running: Sequence[str]) -> str:
-    """Return the page; where it fails by the words of a study, that study is on it by its failure only."""
-    try:
-        return _whole_page(result, out, running)
-    except (SimulshotError, OSError):
-        raise
-    except Exception:
-        words, studies = Words(), []
-        for found in result.studies:
-            score, alone = study_reports()[found.name], replace(result, studies=(found,))
-            if not words.of(score, partial(_whole_page, alone, out, running), ""):
-                found = replace(
-                    found, skipped=f"its words failed: {words.failed[score.text.subject]}", failed=True
-                )
-            studies.append(found)
-        if not words.failed:
-            raise
-        return _whole_page(replace(result, studies=tuple(studies)), out, running)
-
-
-def _whole_page(result: CompareResult, out: Path, running: Sequence[str]) -> str:
     name = Path(result.session).name or result.session
     names, made = name_conditions(result), reported(result)
     views = {study.name: _view(result, study, out) for study in result.studies}

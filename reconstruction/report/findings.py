@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from statistics import median
 from typing import Any
 
@@ -10,7 +9,7 @@ from reconstruction.common import wording
 from reconstruction.common.templates import render_sentences
 from reconstruction.method.comparison_results import CompareResult
 from reconstruction.method.phrases import EACH_DELAYED, LIMITS, UNSYNCHRONIZED, late_text
-from reconstruction.method.score import Score, Words, reported, study_reports
+from reconstruction.method.score import Score, reported, study_reports
 from reconstruction.method.study_result import StudyResult
 from reconstruction.method.tally import CONDITIONS
 from reconstruction.method.timing import SessionTiming, Timing
@@ -97,13 +96,8 @@ def verdict(result: CompareResult) -> str:
     """
     made, (_, guess, errors) = _believed(result), result.calibration.partition(GUESS)
     names = {found.name for _, found in made}
-    words = Words()
-    recorded = [words.of(study, partial(study.as_recorded, result, found), None) for study, found in made]
-    clear = [
-        words.of(study, partial(study.verdict, result, found), "")
-        for study, found in made
-        if study.text.replaces not in names
-    ]
+    recorded = [study.as_recorded(result, found) for study, found in made]
+    clear = [study.verdict(result, found) for study, found in made if study.text.replaces not in names]
     return sentences(
         "verdict.txt",
         result=result,
@@ -119,8 +113,7 @@ def verdict(result: CompareResult) -> str:
             f"{study_reports()[study.name].text.subject} ({study.skipped})"
             for study in result.studies
             if study.skipped and not study.unasked
-        ]
-        + [f"the words of {subject} ({why})" for subject, why in words.failed.items()],
+        ],
         **LIMITS,
     )
 

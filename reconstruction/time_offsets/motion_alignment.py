@@ -124,7 +124,6 @@ def align_cameras(scene: Scene, progress: Progress) -> dict[str, CameraTimes]:
         """Measure the second camera's times relative to the first's."""
         if frozenset((first, second)) not in pairs:
             return CameraTimes(reason="its view overlaps with no camera whose offset is known")
-        progress.total += 1
         progress.step(f"{second} against {first}")
         rough = _rough_offset(offsets, (first, second), activity(first), activity(second))
         if isinstance(rough, str):

@@ -46,7 +46,8 @@ def measure_rig_offsets(
     finder = finder or PairOffsets(scene)
     pairs = likely_pairs(scene)
     progress = progress or Progress(0, silent=True)
-    progress.total += len(pairs)
+    # The total was announced for all pairs that there may be; a last step follows them.
+    progress.done = max(progress.done, progress.total - 1 - len(pairs))
 
     def measure(pair: Pair) -> OffsetFit:
         progress.step(f"{pair[1]} against {pair[0]}")

@@ -1,6 +1,7 @@
 """Time offsets of all cameras of a session, from a blinking lamp if one is seen, else from motion."""
 
 import time
+from math import comb
 from pathlib import Path
 
 from msgspec import Struct, structs
@@ -15,7 +16,7 @@ from reconstruction.scene.scene import Scene
 from reconstruction.time_offsets.camera_time import CameraTime
 from reconstruction.time_offsets.lamp import NO_LAMP, measure_light_offsets
 from reconstruction.time_offsets.motion_alignment import align_cameras
-from reconstruction.time_offsets.rig_offsets import MOTION, measure_rig_offsets, with_own_changes
+from reconstruction.time_offsets.rig_offsets import MOTION, PARTNERS, measure_rig_offsets, with_own_changes
 from reconstruction.time_offsets.single_images import repeated_images, stalled_images
 
 
@@ -67,7 +68,8 @@ def measure_times(
             f"recordings without common times are measured against {dataset.cameras[0]}",
             hint=f"leave out --reference, or give --reference {dataset.cameras[0]}",
         )
-    progress = Progress(2)
+    pairs = comb(len(dataset.cameras), 2)
+    progress = Progress(2 + pairs if alone else 3 + min(pairs, PARTNERS * len(dataset.cameras)))
     if alone:
         _calibrate(scene, progress)
         aligned = align_cameras(scene, progress)

@@ -10,6 +10,7 @@ from bisect import bisect_left
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Mapping
 from functools import cached_property
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -351,7 +352,9 @@ def _excused(rig: VirtualRig, of: OrderedBurst, camera: str) -> list[tuple[float
         from_ns = span.from_ns - LOST_S.get(span.kind, 0) * 1e9
         if span.kind in ENDS:
             on_disk = (of.from_ns for of in own if of.kind.startswith("disk-") and of.from_ns <= span.from_ns)
-            excused.append((min([from_ns, *on_disk]), asked_again(span.until_ns)))
+            # What was on its way to a disk that fails stays in memory as well.
+            lost_ns = [disk_ns - LOST_S["kill"] * 1e9 for disk_ns in on_disk]
+            excused.append((min([from_ns, *lost_ns]), asked_again(span.until_ns)))
         elif span.kind == "freeze":
             excused.append((from_ns, span.until_ns + AFTER_S * 1e9))
     return excused
@@ -683,21 +686,32 @@ def _left_alone(rig: VirtualRig, _: Sessions) -> Iterator[str]:
 
 
 def _heard(rig: VirtualRig, sessions: Sessions) -> Iterator[str]:
-    """Each image's sound is what was heard then, and none of it is in two images."""
+    """Each image's sound is what was heard then, and none of it is in two images.
+
+    A frame of two takes is encoded once, with the sound since what was encoded before it. What the other take
+    encodes later, and is older, carries that sound again.
+    """
     if not rig.plan.has_sound:
         return
     name = rig.plan.cameras[0]
+    takes_of = Counter(
+        true_ns
+        for saved in sessions.values()
+        for image, true_ns, _ in saved.true_images
+        if image.camera == name
+    )
     for of, saved, _ in _judged(rig, sessions):
-        taken: dict[tuple[int, int], int] = {}
         parts = [
-            (image.instant, part)
-            for image, _, data in saved.true_images
+            (part, image.instant, true_ns)
+            for image, true_ns, data in saved.true_images
             if image.camera == name
             for part in sounds_of(data)
         ]
-        for instant, part in parts:
-            if (twice := taken.setdefault((part.stream, part.first), instant)) != instant:
-                yield f"{of.name}: images {twice} and {instant} of {name} have the same sound"
+        for (one, first, one_ns), (part, second, other_ns) in pairwise(sorted(parts)):
+            is_twice = one.stream == part.stream and part.first < one.first + one.samples
+            if is_twice and takes_of[max(one_ns, other_ns)] == 1:
+                yield f"{of.name}: images {first} and {second} of {name} have the same sound"
+        for part, instant, _ in parts:
             if not _befell(rig, of, name):
                 yield from (
                     f"{of.name}: sound of {name} at {instant} {why}" for why in _wrong(rig, name, part)

@@ -195,7 +195,7 @@ FAULTS: dict[str, Fault] = {
     "early": Fault(
         "a frame is looked for before it can have arrived",
         "capture_app/sync/rig/frame_selection.py",
-        "newest_ns > target_ns + period_ns // 2",
+        "newest_ns > target_ns + after_ns",
         "newest_ns > target_ns - 3 * period_ns",
     ),
     "trigger-once": Fault(
@@ -369,8 +369,8 @@ FAULTS: dict[str, Fault] = {
     "second-upload": Fault(
         "a restarted camera's recording becomes a second upload in one spool folder",
         "capture_app/node/camera/uploader.py",
-        "            burst.continue_from(left)\n",
-        "            continue\n",
+        "                burst.continue_from(left)\n",
+        "                continue\n",
         _restarts_all_slow,
     ),
     "here-is-missing": Fault(

@@ -31,8 +31,10 @@ CPU_NS = time.thread_time_ns
 TIMER_SLACK, TIMER_SLACK_S = 1e-4, 1e-6
 """What a timer is late by: a fraction of its delay, above the skew of any machine's clock, and some more. One
 that is early by that clock finds nothing due, and is set again."""
-FREEZE_STEPS = 200_000
-"""Steps of the loop at one moment of virtual time after which it counts as stuck."""
+FREEZE_STEPS = 5_000
+"""Steps of the loop at one moment of virtual time after which it counts as stuck; five evenings had 112."""
+STOP_S = 20.0
+"""Time within which a process ends that is stopped."""
 
 process: contextvars.ContextVar["Process | None"] = contextvars.ContextVar("process", default=None)
 """The process whose code is running; None for the world's own."""
@@ -325,9 +327,9 @@ class World:
         one = self.processes[name]
         if one.main is not None and not one.main.done():
             one.main.cancel()
-            with contextlib.suppress(TimeoutError):
-                async with asyncio.timeout(60):
-                    await asyncio.wait([one.main])
+            _, hangs = await asyncio.wait([one.main], timeout=STOP_S)
+            if hangs and not one.is_frozen:
+                self.fail(f"{name} hangs {STOP_S:.0f} s after it was stopped")
         await self.kill(name)
 
     async def kill(self, name: str) -> None:

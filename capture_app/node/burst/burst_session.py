@@ -232,6 +232,8 @@ class BurstSession:
             )
             awaits = f"{arriving} arriving" if arriving else "waiting for images that its nodes still have"
             message = message or awaits
+        # Nobody orders the rest of a recording without an end of an earlier run.
+        is_cut_off = not self._is_of_this_run and is_open_ended(self.burst.frames, self.burst.step_ns)
         if not self._is_of_this_run:
             whose = f"{self._writer.name} of an earlier run: {received} of {expected} images"
             message = ("; " if done else ", ").join(filter(None, (whose, message)))
@@ -247,7 +249,7 @@ class BurstSession:
             message="; ".join(filter(None, (without, message))),
             transfer=transfer,
             recording=self.burst.video,
-            ended=self.burst.video and (done or self._now_ns > self._ends_ns),
+            ended=self.burst.video and (done or is_cut_off or self._now_ns > self._ends_ns),
             skipped=self._choice.skipped(self._reported_plans),
         )
 

@@ -6,8 +6,9 @@ from bisect import bisect_left
 from collections import deque
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
+from enum import Enum
 from pathlib import Path
-from typing import Self
+from typing import Any, Self
 
 from msgspec.structs import replace
 
@@ -81,7 +82,63 @@ def is_intact(image: ImageUpload, data: bytes) -> bool:
     return hashlib.sha256(memoryview(data)[: image.record.bytes]).hexdigest() == image.sha256
 
 
-@dataclass(slots=True)
+class UploadState(Enum):
+    """What the leader knows of a burst over the present stream."""
+
+    UNREPORTED = "nothing"
+    ASKED = "its report; the answer is awaited"
+    OUTDATED = "an earlier report; the present one is sent before further images"
+    WAITING = "its report, which is sent again at `Upload.due_s`"
+    SENDING = "its report, and it has named the instants that it needs: images are sent"
+    REFUSED = "that it does not take it, which another leader may"
+    OVER = "all of it, or that it was cancelled"
+
+
+UploadInput = Enum("UploadInput", "OPENED REPORTED CHANGED PUT_OFF REQUESTED REFUSED ENDED")
+"""What happens to a burst: a stream to offer it over was opened; its report was sent, or changed; the leader
+cannot take it yet, requests instants, or refuses it; it was cancelled, or is complete."""
+_S, _I = UploadState, UploadInput
+TRANSITIONS = {
+    (_S.UNREPORTED, _I.OPENED): _S.UNREPORTED,
+    (_S.UNREPORTED, _I.CHANGED): _S.UNREPORTED,
+    (_S.UNREPORTED, _I.REPORTED): _S.ASKED,
+    (_S.UNREPORTED, _I.ENDED): _S.OVER,
+    (_S.ASKED, _I.OPENED): _S.UNREPORTED,
+    (_S.ASKED, _I.CHANGED): _S.OUTDATED,
+    (_S.ASKED, _I.PUT_OFF): _S.WAITING,
+    (_S.ASKED, _I.REQUESTED): _S.SENDING,
+    (_S.ASKED, _I.REFUSED): _S.REFUSED,
+    (_S.ASKED, _I.ENDED): _S.OVER,
+    (_S.OUTDATED, _I.OPENED): _S.UNREPORTED,
+    (_S.OUTDATED, _I.CHANGED): _S.OUTDATED,
+    (_S.OUTDATED, _I.REPORTED): _S.ASKED,
+    # Answers to the earlier report, or to images that were sent before it changed.
+    (_S.OUTDATED, _I.PUT_OFF): _S.OUTDATED,
+    (_S.OUTDATED, _I.REQUESTED): _S.OUTDATED,
+    (_S.OUTDATED, _I.REFUSED): _S.REFUSED,
+    (_S.OUTDATED, _I.ENDED): _S.OVER,
+    (_S.WAITING, _I.OPENED): _S.UNREPORTED,
+    (_S.WAITING, _I.CHANGED): _S.OUTDATED,
+    (_S.WAITING, _I.REPORTED): _S.ASKED,
+    # Answers to images that were sent before one of them was refused.
+    (_S.WAITING, _I.PUT_OFF): _S.WAITING,
+    (_S.WAITING, _I.REFUSED): _S.REFUSED,
+    (_S.WAITING, _I.ENDED): _S.OVER,
+    (_S.SENDING, _I.OPENED): _S.UNREPORTED,
+    (_S.SENDING, _I.CHANGED): _S.OUTDATED,
+    (_S.SENDING, _I.PUT_OFF): _S.WAITING,
+    (_S.SENDING, _I.REFUSED): _S.REFUSED,
+    (_S.SENDING, _I.ENDED): _S.OVER,
+    (_S.REFUSED, _I.OPENED): _S.UNREPORTED,
+    (_S.REFUSED, _I.CHANGED): _S.REFUSED,
+    (_S.REFUSED, _I.ENDED): _S.OVER,
+    # Its operator may cancel it at any time, so that any answer may come after its end.
+    **{(_S.OVER, event): _S.OVER for event in _I},
+}
+"""State after an input in each state; what is not here cannot happen."""
+
+
+@dataclass(slots=True, eq=False)
 class Upload:
     """A burst's frames on their way to the leader: selected, then encoded, then confirmed."""
 
@@ -103,24 +160,19 @@ class Upload:
     """Whether to use the spool; False once that has failed."""
     oldest: tuple[int, float] = (-1, 0.0)
     """The instant that is unsynced for longest, and since when at least, by the event loop's time."""
-    is_committed: bool = False
-    """Whether the leader has named the instants that it requests."""
-    reported: CameraReport | None = None
-    """The `report` that was last sent over the present stream."""
+    state: UploadState = UploadState.UNREPORTED
     due_s: float = 0.0
-    """Time of the event loop at which to report again a burst that is not committed."""
+    """Time of the event loop at which to report again a burst that waits."""
     attempts: int = 0
-    """Number of reports in a row that did not commit the burst."""
+    """Number of reports in a row after which it waited."""
     is_doubted: bool = False
     """Whether it has ever been refused for now, perhaps because an image is damaged."""
     requested: frozenset[int] | None = None
     """The instants that the leader requests; None for all."""
     end_instant: int | None = None
     """Of a streamed burst: the number of instants that the leader needs."""
-    is_over: bool = False
-    """Whether sending is over: the leader has the burst, or does not want it."""
     on_commit: Callable[[], None] = lambda: None
-    """Called when no further instants are requested."""
+    """Called when the leader has named its instants, so that no further ones are selected; perhaps again."""
     streamed: bool = False
     """Whether frames are sent as they are selected."""
     with_truth: bool = True
@@ -145,39 +197,52 @@ class Upload:
         if not plan.picking and plan.picked is None:
             # Of frames that are sent as they are selected, the leader has all that are no longer here.
             here |= {*plan.instants}
-        missing = tuple(gap for gap in plan.missing if gap.instant not in here)
-        report = report.with_plan(instants=tuple(sorted(here)), missing=missing, picking=False)
+        report = report.with_plan(
+            instants=tuple(sorted(here)),
+            missing=tuple(gap for gap in plan.missing if gap.instant not in here),
+            picking=False,
+        )
         return cls(report, images=images, spooled=spooled, ended=True, end_is_stored=True)
 
     def continue_from(self, left: "Upload") -> None:
         """Take over what an earlier run of the node has left of the same streamed burst."""
-        self.images, self.spooled, self.disputed = left.images, left.spooled, left.disputed
-        self.is_doubted = True
-
-    @property
-    def is_left(self) -> bool:
-        """Whether an earlier run of the node left it in the spool."""
-        return self.ended and not self.streamed
+        self.images, self.disputed = left.images, left.disputed
+        self.spooled, self.is_doubted = left.spooled, True
 
     @property
     def is_picking(self) -> bool:
         """Whether further frames will be selected."""
         return self.streamed and not self.ended
 
+    def take(self, event: UploadInput) -> None:
+        """Change the state as TRANSITIONS says."""
+        self.state = TRANSITIONS[self.state, event]
+
+    def change_report(self, **changes: Any) -> None:
+        """Report these fields of the plan to the leader, before further images."""
+        self.report = self.report.with_plan(**changes)
+        self.take(_I.CHANGED)
+
     @property
     def has_ended(self) -> bool:
         """Whether nothing more will be sent."""
-        is_told = self.is_committed and self.reported is self.report
-        return self.is_over or (is_told and not (self.is_picking or self.frames or self.images))
+        is_sent = not (self.is_picking or self.frames or self.images)
+        return self.state is _S.OVER or (self.state is _S.SENDING and is_sent)
 
     def must_be_reported(self, now_s: float) -> bool:
         """Return whether the leader has to know the report, or to be asked again, at that time."""
-        return self.reported is not self.report or (not self.is_committed and now_s >= self.due_s)
+        is_due = self.state is _S.WAITING and now_s >= self.due_s
+        return is_due or self.state in (_S.UNREPORTED, _S.OUTDATED)
 
     def put_off(self, due_s: float) -> None:
         """Send nothing of the burst before `due_s`, unless its report changes."""
-        self.is_committed, self.due_s, self.attempts = False, due_s, self.attempts + 1
-        self.is_doubted = True
+        self.due_s, self.attempts, self.is_doubted = due_s, self.attempts + 1, True
+        self.take(_I.PUT_OFF)
+
+    def stop_selecting(self) -> None:
+        """Report that no further frames will be selected."""
+        self.ended = True
+        self.change_report()
 
     def current_report(self, waiting: tuple[int, ...] = ()) -> CameraReport:
         """Return the report as it is now.
@@ -200,32 +265,29 @@ class Upload:
         found = dict(self.in_memory)
         if stored and self.spooled is not None:
             for image, data in zip(stored, self.spooled.film.read(stored), strict=True):
-                if data is not None and (self._is_trusted or is_intact(image, data)):
+                if data is not None and ((self.streamed and not self.is_doubted) or is_intact(image, data)):
                     found[image.record.instant] = data
         return [found.get(image.record.instant) for image in images]
-
-    @property
-    def _is_trusted(self) -> bool:
-        return self.streamed and not self.is_doubted
 
     def extend(self, picked: FramesSelected[CapturedFrame]) -> None:
         """Add frames selected for further instants, unless the leader does not need them.
 
         Frames of a streamed burst that do not fit into memory are missing.
         """
-        if self.ended or (not self.streamed and (self.is_committed or self.is_over)):
+        if self.ended or (not self.streamed and self.state in (_S.SENDING, _S.OVER)):
             return
         for gap in picked.gaps:
             self._note_missing(gap.instant, gap.reason, dropped=gap.reason == DROPPED)
         if not self.streamed:
             self.frames.extend(picked.frames)
-            self.report = self.report.with_plan(
+            self.change_report(
                 instants=(*self.report.plan.instants, *(frame.instant for frame in picked.frames))
             )
             return
         self.over = max(self.over, picked.over)
-        held_bytes = sum(map(len, list(self.in_memory.values())))
-        held_bytes += sum(waiting.frame.picture.held_bytes for waiting in self.frames)
+        held_bytes = sum(map(len, list(self.in_memory.values()))) + sum(
+            waiting.frame.picture.held_bytes for waiting in self.frames
+        )
         for frame in filter(lambda of: self._is_needed(of.instant), picked.frames):
             if held_bytes + frame.frame.picture.held_bytes > self.max_bytes:
                 self._note_missing(frame.instant, TOO_SLOW)
@@ -233,8 +295,7 @@ class Upload:
                 held_bytes += frame.frame.picture.held_bytes
                 self.frames.append(frame)
         if picked.ended:
-            self.ended = True
-            self.report = replace(self.report)
+            self.stop_selecting()
 
     def widen_times(self, times: WidenedTimes) -> None:
         """Report that a clock was wrong in an interval; beyond MAX_WIDENED the last interval grows."""
@@ -248,25 +309,20 @@ class Upload:
                 uncertainty_ns=max(last.uncertainty_ns, times.uncertainty_ns),
                 hard_bound_ns=max(last.hard_bound_ns, times.hard_bound_ns),
             )
-        self.report = self.report.with_plan(camera=replace(camera, widened=(*known, times)))
+        self.change_report(camera=replace(camera, widened=(*known, times)))
 
     def commit(self, requested: Collection[int] | None, end: int | None = None) -> list[Path]:
         """Restrict the upload to the `requested` instants before `end` (None: all); return the dropped files.
 
         A streamed burst has an `end`, which its operator may have moved while this node was not reached.
         """
-        first, self.is_committed = not self.is_committed, True
-        self.requested, self.end_instant = None if requested is None else frozenset(requested), end
-        if first and not self.streamed:
+        self.take(_I.REQUESTED)
+        self.attempts, self.end_instant = 0, end
+        self.requested = None if requested is None else frozenset(requested)
+        if not self.streamed:
             self.on_commit()
-        dropped = {
-            instant
-            for instant in (*self.encoded, *(frame.instant for frame in self.frames))
-            if not self._is_needed(instant)
-        }
-        if dropped:
-            self.frames = deque(frame for frame in self.frames if frame.instant not in dropped)
-        return self._let_go(dropped)
+        self.frames = deque(frame for frame in self.frames if self._is_needed(frame.instant))
+        return self._let_go([instant for instant in self.images if not self._is_needed(instant)])
 
     def _is_needed(self, instant: int) -> bool:
         is_requested = self.requested is None or instant in self.requested
@@ -274,7 +330,8 @@ class Upload:
 
     def reopen(self) -> None:
         """Reset for a new stream: the leader may be another one, or have changed its mind."""
-        self.is_committed, self.reported, self.attempts = False, None, 0
+        self.take(_I.OPENED)
+        self.attempts = 0
         self.images |= {image.record.instant: image for image in self.disputed}
         self.disputed.clear()
 
@@ -292,13 +349,13 @@ class Upload:
 
     def end(self) -> None:
         """Drop the whole burst: its frames, images and report."""
-        self.is_over = True
+        self.take(_I.ENDED)
         self.frames.clear()
-        self._let_go(self.encoded)
+        self._let_go([*self.images])
 
     def lost_instants(self) -> list[int]:
         """Return the requested instants that were announced, and are neither here nor with the leader."""
-        here = {*self.encoded, *(frame.instant for frame in self.frames)}
+        here = {*self.images, *(frame.instant for frame in self.frames)}
         return sorted(filter(self._is_needed, {*self.report.plan.instants} - here - self.confirmed))
 
     def report_lost(self, instants: Collection[int], reason: str) -> list[Path]:
@@ -307,13 +364,8 @@ class Upload:
             self._note_missing(instant, cut(reason))
         if not self.streamed or self.ended:
             left = tuple(instant for instant in self.report.plan.instants if instant not in instants)
-            self.report = self.report.with_plan(instants=left)
+            self.change_report(instants=left)
         return self._let_go(instants)
-
-    @property
-    def encoded(self) -> tuple[int, ...]:
-        """Instants of the encoded images that are here."""
-        return tuple(self.images)
 
     def next_batch(self, sent: int) -> list[ImageUpload]:
         """Return the images to send after the first `sent` ones."""
@@ -329,7 +381,7 @@ class Upload:
     def _note_missing(self, instant: int, reason: str, *, dropped: bool = False) -> None:
         if not self.streamed:
             gap = MissingImage(camera=self.report.camera, instant=instant, reason=reason, dropped=dropped)
-            self.report = self.report.with_plan(missing=(*self.report.plan.missing, gap))
+            self.change_report(missing=(*self.report.plan.missing, gap))
             return
         run = MissingRun(first=instant, count=1, reason=reason, dropped=dropped)
         # A frame can turn out to be missing after later ones, when it is encoded or sent.

@@ -25,7 +25,7 @@ from capture_app.common.text import count
 from capture_app.common.timeouts import UPLOAD_ANSWER_TIMEOUT_S
 from capture_app.net.asking import next_message
 from capture_app.net.channel import Channel, connect
-from capture_app.node.camera.burst_upload import Upload, encode_frame
+from capture_app.node.camera.burst_upload import Upload, UploadInput, UploadState, encode_frame
 from capture_app.node.camera.spool import Spool, SpoolFolder, folder_name, unknown_in
 from capture_app.protocol.log import Log
 from capture_app.protocol.messages import (
@@ -74,23 +74,24 @@ class Sender:
         channel: Channel[Any],
         changed: asyncio.Event,
         log: Log,
-        waiting: Collection[Upload],
+        bursts: Collection[Upload],
         roots: Collection[str],
         retry_s: Sequence[float] = RETRY_S,
     ) -> None:
-        """Create a sender over one stream; `waiting` are all bursts to be sent, over successive streams.
+        """Create a sender over one stream; `bursts` are all that this node has.
 
         `roots` are, below a relay, pins of the rig's leaders: one of them must have signed the answers to a
         burst. `retry_s` are the delays after a burst is refused for now, as for `Uploader`.
         """
         self._channel, self._changed, self._log = channel, changed, log
-        self._waiting, self.roots, self._retry_s = waiting, roots, retry_s
+        self._bursts, self.roots, self._retry_s = bursts, roots, retry_s
         self._in_flight: deque[tuple[Upload, ImageBatch]] = deque()
         """Batches that are not acknowledged."""
         self._answer: asyncio.Task[FromLeader] | None = None
-        for burst in waiting:
+        for burst in bursts:
             # A reconnected leader still has what it acknowledged; only the stream's own state is new.
-            burst.reopen()
+            if burst.state is not UploadState.REFUSED:
+                burst.reopen()
 
     async def aclose(self) -> None:
         """Stop waiting for answers."""
@@ -118,13 +119,13 @@ class Sender:
         while True:
             self._changed.clear()
             refused: tuple[Upload, Refusal] | None = None
-            if (ended := next((burst for burst in self._waiting if burst.has_ended), None)) is not None:
+            if (ended := next((burst for burst in self._bursts if burst.has_ended), None)) is not None:
                 await self._take_all_answers()
                 disputed = ", ".join(str(image.record.instant) for image in ended.disputed)
                 what = f"the leader has different images of instants {disputed}"
-                return ended, Refusal(what=what) if disputed and not ended.is_over else None
+                return ended, Refusal(what=what) if disputed and ended.state is UploadState.SENDING else None
             if unreported := next(
-                (upload for upload in self._waiting if upload.must_be_reported(now())), None
+                (upload for upload in self._bursts if upload.must_be_reported(now())), None
             ):
                 refused = await self._take_all_answers() or await self._report_burst(unreported)
             elif (unsent := self._next_unsent()) is not None:
@@ -132,7 +133,9 @@ class Sender:
             elif self._in_flight:
                 refused = await self._take_answer()
             else:
-                await self._wait_for_work(now())
+                # Until something has changed, or the leader is to be asked again about a burst.
+                due = [upload.due_s for upload in self._bursts if upload.state is UploadState.WAITING]
+                await has_come(self._changed, max(0.0, min(due) - now()) if due else None)
             if refused is not None:
                 # What else was refused is sent, and refused, again.
                 await self._take_all_answers()
@@ -144,21 +147,13 @@ class Sender:
                 delay_s = self._retry_s[min(burst.attempts, len(self._retry_s) - 1)]
                 burst.put_off(now() + max(ASK_AGAIN_S, delay_s))
 
-    async def _wait_for_work(self, now_s: float) -> None:
-        """Wait until something has changed, or the leader is to be asked again about a burst."""
-        due_s = min((upload.due_s for upload in self._waiting if not upload.is_committed), default=None)
-        if due_s is None:
-            await self._changed.wait()
-        else:
-            await has_come(self._changed, max(0.0, due_s - now_s))
-
     def _next_unsent(self) -> tuple[Upload, list[ImageUpload]] | None:
         """Return the next images to send now; bursts that are being captured wait for those that are over."""
         size = sum(batch.bytes for _, batch in self._in_flight)
         if len(self._in_flight) < MAX_IN_FLIGHT and size < MAX_BYTES_IN_FLIGHT:
-            for burst in sorted(self._waiting, key=lambda burst: burst.is_picking):
+            for burst in sorted(self._bursts, key=lambda burst: burst.is_picking):
                 sent = sum(len(batch.images) for of, batch in self._in_flight if of is burst)
-                if burst.is_committed and sent < len(burst.images):
+                if burst.state is UploadState.SENDING and sent < len(burst.images):
                     return burst, burst.next_batch(sent)
         return None
 
@@ -168,18 +163,18 @@ class Sender:
         Drop images that the leader does not need or has already.
         """
         # Without those to be encoded, a burst that has ended would seem complete.
-        waiting = (*burst.encoded, *(frame.instant for frame in burst.frames))
-        report, first = burst.current_report(waiting), burst.reported is None
-        burst.reported = burst.report
-        answer = self._proven(await self.ask(report if first else replace(report, events=())), burst)
+        report = burst.current_report((*burst.images, *(frame.instant for frame in burst.frames)))
+        if burst.state is not UploadState.UNREPORTED:
+            report = replace(report, events=())
+        burst.take(UploadInput.REPORTED)
+        answer = self._proven(await self.ask(report), burst)
         if isinstance(answer, Refusal):
             return burst, answer
         if answer.undecided:
             # The leader waits for other cameras. Questions about many bursts must not take all of the stream.
-            delay_s = len(self._waiting) * ASK_AGAIN_S * 2 ** min(burst.attempts, MAX_DOUBLINGS)
+            delay_s = len(self._bursts) * ASK_AGAIN_S * 2 ** min(burst.attempts, MAX_DOUBLINGS)
             burst.put_off(asyncio.get_running_loop().time() + delay_s)
             return None
-        burst.attempts = 0
         stored = {receipt.instant: receipt.sha256 for receipt in answer.receipts}
         await _delete([*burst.commit(answer.requested, answer.end), *burst.confirm(stored)])
         if lost := burst.lost_instants():
@@ -309,8 +304,8 @@ class Uploader:
         self.spool, self._retry_s = spool, retry_s
         self.leader: Address | None = None
         self._run: int | None = None
-        self._waiting: deque[Upload] = deque()
-        self._refused: deque[Upload] = deque(maxlen=MAX_WAITING_BURSTS)
+        self._bursts: list[Upload] = []
+        """All bursts that this node keeps, those that a leader refused among them."""
         self._changed = asyncio.Event()
         self._to_encode = asyncio.Event()
         self._to_sync = asyncio.Event()
@@ -326,9 +321,9 @@ class Uploader:
         return self._stream is not None or any(burst.frames for burst in self._bursts)
 
     @property
-    def _bursts(self) -> tuple[Upload, ...]:
-        """All bursts that this node keeps, those that a leader refused among them."""
-        return *self._waiting, *self._refused
+    def _has_work(self) -> bool:
+        """Whether the leader is to hear of a burst, or of the spool."""
+        return self._space_is_due or any(burst.state is not UploadState.REFUSED for burst in self._bursts)
 
     def load_spool(self) -> None:
         """Add the bursts that an earlier run of this node left in the spool. Blocks on the disk.
@@ -336,7 +331,7 @@ class Uploader:
         Raises SimulshotError.
         """
         if self.spool is not None:
-            self._waiting.extend(self._read(self.spool.open()))
+            self._bursts.extend(self._read(self.spool.open()))
             if unknown := [*map(str, unknown_in(self.spool.folder))]:
                 names = [*unknown[:MAX_NAMED], *(["..."] if len(unknown) > MAX_NAMED else [])]
                 self._log.say(f"not understood by this version, and left alone: {', '.join(names)}")
@@ -350,12 +345,12 @@ class Uploader:
             except SimulshotError as error:
                 self._log.say(f"left in the spool: {error}")
                 continue
-            if not burst.images:
+            if burst.images:
+                images = count(len(burst.images), "image")
+                self._log.say(f"burst {burst.report.burst}: {images} still in {spooled.folder}")
+                bursts.append(burst)
+            else:
                 spooled.remove()
-                continue
-            images = count(len(burst.images), "image")
-            self._log.say(f"burst {burst.report.burst}: {images} still in {spooled.folder}")
-            bursts.append(burst)
         return bursts
 
     def add_burst(self, burst: Upload) -> None:
@@ -364,17 +359,14 @@ class Uploader:
         Of what an earlier run of the node began, a streamed burst goes on; another one stays as it was.
         """
         for left in self._uploads_of(burst.report.leader, burst.report.burst):
-            if not left.is_left:
-                continue
-            if not burst.streamed:
-                return
-            burst.continue_from(left)
-            for bursts in (self._waiting, self._refused):
-                with contextlib.suppress(ValueError):
-                    bursts.remove(left)
-        self._waiting.append(burst)
-        if len(self._waiting) > MAX_WAITING_BURSTS:
-            given_up = self._waiting.popleft()
+            if left.ended and not left.streamed:
+                if not burst.streamed:
+                    return
+                burst.continue_from(left)
+                self._bursts.remove(left)
+        self._bursts.append(burst)
+        if len(self._bursts) > MAX_WAITING_BURSTS:
+            given_up = self._bursts.pop(0)
             where = f"; its images are in {given_up.spooled.folder}" if given_up.spooled else ""
             self._log.say(f"burst {given_up.report.burst} given up: the leader was lost for too long{where}")
         self._changed.set()
@@ -398,17 +390,13 @@ class Uploader:
         """Report to the leader that a stream was moved, for every recording that is under way."""
         for upload in filter(lambda of: of.is_picking, self._bursts):
             camera = upload.report.plan.camera
-            moves = (*camera.moves, move)[:MAX_MOVES]
-            upload.report = upload.report.with_plan(camera=replace(camera, moves=moves))
+            upload.change_report(camera=replace(camera, moves=(*camera.moves, move)[:MAX_MOVES]))
         self._changed.set()
 
     def cancel_burst(self, leader: int, burst: int) -> None:
         """Drop a burst that its leader has cancelled; below a relay, once that leader has signed it."""
         for upload in self._uploads_of(leader, burst):
-            if self._roots:
-                upload.ended, upload.report = True, replace(upload.report)
-            else:
-                upload.end()
+            (upload.stop_selecting if self._roots else upload.end)()
             self._log.say(f"burst {burst} was cancelled")
         self._changed.set()
 
@@ -446,24 +434,29 @@ class Uploader:
             # The stream to a relay that lost power might never be closed otherwise.
             self._stream.abort()
         self.leader, self._run = leader, run
-        self._waiting.extendleft(reversed(self._refused))
-        self._refused.clear()
+        for burst in self._bursts:
+            if burst.state is UploadState.REFUSED:
+                burst.reopen()
         self._space_is_due = True
         self._changed.set()
 
     async def _encode_all(self) -> None:
-        """Encode pending frames, burst by burst, and move each to its burst's images."""
+        """Encode pending frames, and move each to its burst's images.
+
+        Streamed bursts take turns; of the others, those of the first are encoded before those of the next.
+        """
         while True:
             self._to_encode.clear()
-            burst = next((burst for burst in self._bursts if burst.frames), None)
-            if burst is None:
-                await self._store_ends()
+            await self._store_ends()
+            waiting = [burst for burst in self._bursts if burst.frames]
+            still = [burst for burst in waiting if not burst.streamed][:1]
+            for burst in (*(burst for burst in waiting if burst.streamed), *still):
+                # The thread cannot be cancelled: what it has begun is completed by `aclose`.
+                self._encoding = asyncio.create_task(self._encode_next(burst))
+                await asyncio.shield(self._encoding)
+            if not waiting:
                 await self._to_encode.wait()
-                continue
-            # The thread cannot be cancelled: what it has begun is completed by `aclose`.
-            self._encoding = asyncio.create_task(self._encode_next(burst))
-            await asyncio.shield(self._encoding)
-            if burst.streamed:
+            elif not still:
                 await asyncio.sleep(ENCODE_EVERY_S)
 
     async def _encode_next(self, burst: Upload) -> None:
@@ -479,7 +472,7 @@ class Uploader:
                 burst.frames.popleft()
                 if not isinstance(result, CameraError):
                     burst.images[picked.instant] = result
-        if burst.is_over:
+        if burst.state is UploadState.OVER:
             await self._remove_spooled(burst)
         self._changed.set()
         self._to_sync.set()
@@ -520,8 +513,8 @@ class Uploader:
 
     async def _store_ends(self) -> None:
         """Store the final reports of ended bursts in the spool."""
-        for burst in self._bursts:
-            if burst.ended and not burst.is_over and not burst.end_is_stored:
+        for burst in [*self._bursts]:
+            if burst.ended and not (burst.frames or burst.end_is_stored):
                 burst.end_is_stored = burst.spooled is not None
                 await _write_report(burst, burst.current_report())
 
@@ -533,7 +526,7 @@ class Uploader:
                 self._to_sync, UNSYNCED_S if any(upload.unsynced for upload in self._bursts) else None
             )
             self._to_sync.clear()
-            for burst in self._bursts:
+            for burst in [*self._bursts]:
                 images, spooled = dict(burst.unsynced), burst.spooled
                 if not images or spooled is None:
                     continue
@@ -556,7 +549,7 @@ class Uploader:
     async def _send_all(self) -> None:
         failures = 0
         while True:
-            while self.leader is None or not (self._waiting or self._space_is_due):
+            while self.leader is None or not self._has_work:
                 self._changed.clear()
                 is_idle = not await has_come(self._changed, SPACE_EVERY_S)
                 self._space_is_due |= is_idle and self.spool is not None
@@ -568,7 +561,7 @@ class Uploader:
                             channel,
                             self._changed,
                             self._log,
-                            self._waiting,
+                            self._bursts,
                             self._trust.roots_of(channel.who.pin),
                             self._retry_s,
                         )
@@ -577,14 +570,14 @@ class Uploader:
                     self._stream, self._roots = channel, sender.roots
                     if isinstance(refusal := await sender.ask(self._opening), Refusal):
                         raise NetworkError(refusal.what, hint=refusal.hint)
-                    while self._waiting or self._space_is_due:
+                    while self._has_work:
                         if self._space_is_due:
                             self._space_is_due = False
                             if self.spool is not None:
                                 # Two uploads of one burst would write into one folder.
                                 under_way = {folder_name(burst.report) for burst in self._bursts}
                                 adopted = await asyncio.to_thread(self.spool.adopt, under_way)
-                                self._waiting.extend(await asyncio.to_thread(self._read, adopted))
+                                self._bursts.extend(await asyncio.to_thread(self._read, adopted))
                                 await sender.ask(await asyncio.to_thread(self.spool.look))
                         else:
                             await self._conclude(*await sender.next_ended())
@@ -610,14 +603,13 @@ class Uploader:
                 self._changed.clear()
                 await self._changed.wait()
             burst.frames.clear()
-            burst.reopen()
+            burst.take(UploadInput.REFUSED)
             if burst.spooled is not None and burst.spooled.folder.exists():
-                self._refused.append(burst)
                 where = f"; its images stay in {burst.spooled.folder}: delete that folder to drop them"
         if refusal is not None:
             self._log.say(f"burst {burst.report.burst} given up: {refusal.as_error()}{where}")
-        with contextlib.suppress(ValueError):
-            self._waiting.remove(burst)
+        if not where and burst in self._bursts:
+            self._bursts.remove(burst)
 
     async def _remove_spooled(self, burst: Upload) -> None:
         if self.spool is not None and burst.spooled is not None:

@@ -3,6 +3,7 @@
 import asyncio
 import dataclasses
 import functools
+import os
 import time
 from bisect import bisect_right
 from collections import Counter, deque
@@ -481,6 +482,12 @@ class ActiveBursts:
         self._event_log.note(status)
         if isinstance(session.failure, DiskError) and status.burst not in self._cancelled:
             self._background.start(self.resumed.finish_later(session.folder, self.now_ns))
+
+    def forget_moved(self) -> None:
+        """Name no session in a status that was renamed or deleted since it was saved."""
+        for path in tuple(self.saved):
+            if not os.path.exists(path):  # noqa: PTH110 - a path that is too long raises nothing
+                self.saved.remove(path)
 
     async def give_up_silent_cameras(self) -> None:
         """Stop waiting for cameras that are silent, in all bursts that are being saved."""

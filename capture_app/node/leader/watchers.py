@@ -25,7 +25,7 @@ from capture_app.session.files.disk import free_bytes
 from capture_app.sync.rig.leader_engine import Leader
 from capture_app.sync.timekeeping.rates import HostOffRate, RateVote
 
-LOOK_EVERY_NS = 10_000_000_000
+LOOK_EVERY_NS = 2_000_000_000
 REVIEW_EVERY_NS = 1_000_000_000
 """Interval between checks of the clocks' rates."""
 TICK_S = 0.1
@@ -94,9 +94,9 @@ class LeaderState:
             ),
             burst=None if bursts.newest is None else fitted_burst(bursts.newest.status),
             ahead=bursts.ahead,
+            disk_free_bytes=self._room(now_ns),
             sessions=tuple(bursts.saved),
             sessions_folder=str(options.sessions.absolute()),
-            disk_free_bytes=self._room(now_ns),
         )
 
     def look_at_rates(self, now_ns: int) -> list[HostOffRate]:
@@ -115,6 +115,7 @@ class LeaderState:
             self._looked_ns, self._free_bytes = now_ns, None
             with suppress(DiskError):
                 self._free_bytes = free_bytes(self._options.sessions)
+                self._bursts.forget_moved()
         return self._free_bytes
 
 

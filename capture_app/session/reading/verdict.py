@@ -79,10 +79,13 @@ class Verdict(Struct, frozen=True, kw_only=True):
     @property
     def spread(self) -> str:
         """The spread with its uncertainty: 63 µs ±18 µs."""
-        if self.spread_ns is None:
-            return duration(None)
-        error = "" if self.spread_error_ns is None else f" ±{duration(self.spread_error_ns)}"
-        return duration(self.spread_ns) + error
+        return describe_spread(self.spread_ns, self.spread_error_ns)
+
+
+def describe_spread(spread_ns: int | None, error_ns: int | None) -> str:
+    """Return a spread with its 95 % uncertainty, if that is known: 63 µs ±18 µs."""
+    error = "" if None in (spread_ns, error_ns) else f" ±{duration(error_ns)}"
+    return duration(spread_ns) + error
 
 
 def judge(manifest: Manifest, *, arriving: bool = False) -> Verdict:

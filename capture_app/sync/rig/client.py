@@ -410,5 +410,13 @@ class Client(TimeClient, Generic[F]):
 
     def _select(self, bursts: FrameSelection[F], grid: CameraGrid, time_map: TimeMap, now_ns: int) -> None:
         self._events.extend(
-            bursts.select_due(self.ring, self.aligner, grid, time_map, now_ns, is_member=self.is_member)
+            bursts.select_due(
+                self.ring,
+                self.aligner,
+                grid,
+                time_map,
+                now_ns,
+                is_member=self.is_member,
+                has_failed=bool(self.failure),
+            )
         )

@@ -433,9 +433,11 @@ class FrameSelection(Generic[F]):
         now_ns: int,
         *,
         is_member: bool,
+        has_failed: bool = False,
     ) -> list[FramesSelected[F]]:
         """Select the frames of all bursts whose last frame has arrived or timed out.
 
+        Of a camera that `has_failed` the newest frame is the last one: nothing nearer to its instant comes.
         Spare instants are reported afterwards, each when it is over. Only a member reports the stream's
         phase.
         """
@@ -443,7 +445,7 @@ class FrameSelection(Generic[F]):
         for key, burst in list(self._pending.items()):
             for instant in range(burst.over, burst.trigger.count):
                 instant_ns = burst.instant_ns(instant)
-                if not _is_over(instant_ns, ring, grid, time_map, now_ns):
+                if not _is_over(instant_ns, ring, grid, time_map, now_ns, has_failed=has_failed):
                     break
                 burst.picked.append(burst.once(grid.select(ring, time_map, instant, instant_ns)))
             if burst.has_events:
@@ -462,9 +464,19 @@ class FrameSelection(Generic[F]):
         return due
 
 
-def _is_over(at_ns: int, ring: RingBuffer[F], grid: CameraGrid, time_map: TimeMap, now_ns: int) -> bool:
+def _is_over(
+    at_ns: int,
+    ring: RingBuffer[F],
+    grid: CameraGrid,
+    time_map: TimeMap,
+    now_ns: int,
+    *,
+    has_failed: bool,
+) -> bool:
     """Whether the frame of an instant of leader time has arrived or timed out."""
     newest_ns, period_ns = ring.newest_local_ns, grid.rig_grid.period_ns
     target_ns = grid.target_ns(time_map, at_ns)
-    seen = newest_ns is not None and newest_ns > target_ns + period_ns // 2
+    # A later frame might be nearer, unless none comes.
+    after_ns = -(period_ns // 2) if has_failed else period_ns // 2
+    seen = newest_ns is not None and newest_ns > target_ns + after_ns
     return seen or now_ns >= target_ns + TIMEOUT_PERIODS * period_ns

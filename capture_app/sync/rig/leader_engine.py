@@ -291,9 +291,12 @@ class Leader:
 
     def report_version(self, data: bytes, address: Address, now_ns: int) -> None:
         """Answer a datagram of another protocol version with this leader's version; report its node."""
-        if (answer := version_answer(data)) is None:
-            return
-        self._outbox.append((answer, address))
+        if (answer := version_answer(data)) is not None:
+            self._outbox.append((answer, address))
+            self.note_version(data, address, now_ns)
+
+    def note_version(self, data: bytes, address: Address, now_ns: int) -> None:
+        """Report the node of a datagram that is of another protocol version."""
         host, reason = address[0], other_version(data)
         # Anyone can send these from any address: for all hosts together there is a limit, too.
         if reason and self._is_news("", host, now_ns) and self._is_news(host, reason, now_ns):

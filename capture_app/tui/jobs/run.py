@@ -27,6 +27,8 @@ REPORT = "report.html"
 WALK = "walk.html"
 """Page to walk round in, of views and splats."""
 METHODS = "simulshot.methods"
+COVERAGE = "capture-app coverage"
+"""Choice that is no run: the rig's own dialog does what this command does."""
 OWN = f"{gethostname()}:{os.getpid()}"
 """Owner of the runs of this process."""
 MEASURED_FRACTION = 1 / 3
@@ -141,6 +143,7 @@ _STUDIES = (
         writes=False,
         choices=(
             ("from the scene", "--from sfm"),
+            ("show a board to the cameras: live, which views are missing", COVERAGE),
             ("from a board in the pictures", "--from board"),
             ("anew from the scene, in place of its calibration", "--from sfm --replace"),
         ),

@@ -17,10 +17,10 @@ from textual.strip import Strip
 
 import capture_app
 from capture_app.common.names import natural_order
-from capture_app.common.text import count, duration, printable
+from capture_app.common.text import count, printable
 from capture_app.session.library.listing import SessionCard, best_synchronized, load_thumbnail
 from capture_app.session.reading.take_sheet import TakeSheet
-from capture_app.session.reading.verdict import cap_grade, grade_of, is_incomplete
+from capture_app.session.reading.verdict import cap_grade, describe_spread, grade_of, is_incomplete
 from capture_app.tui.jobs.run import run_tag
 from capture_app.tui.jobs.runs import Runs
 from capture_app.tui.signs import GRADES, Sign
@@ -217,7 +217,9 @@ def scatter_of(card: SessionCard) -> Content:
     sign = GRADES[grade]
     if error_ns is None:
         return Content.styled(f"{sign.glyph} not measured", "$foreground-muted")
-    return Content.assemble((str(sign), f"bold {sign.style}"), f"  within {duration(card.worst_ns)}")
+    return Content.assemble(
+        (str(sign), f"bold {sign.style}"), f"  {describe_spread(card.spread_ns, error_ns)}"
+    )
 
 
 def _when(created: str) -> str:

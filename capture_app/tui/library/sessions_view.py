@@ -29,6 +29,7 @@ from capture_app.session.reading.take_sheet import TakeSheet
 from capture_app.tui.jobs.result_screen import open_report, show_result
 from capture_app.tui.jobs.run import (
     COMMANDS,
+    COVERAGE,
     EXPORTS,
     IMPORT,
     REPAIR,
@@ -358,7 +359,9 @@ class SessionsView(ModeView):
             if command.choices:
                 choices = {options: (title, options) for title, options in command.choices}
                 chosen = await self.app.push_screen_wait(ListQuestion(command.title, choices))
-                if chosen is None:
+                if chosen == COVERAGE:
+                    await self.app.run_action("run_in_mode('rig', 'coverage')")
+                if chosen in (None, COVERAGE):
                     return
                 quick = chosen
             out = self._runs.out(command, folder)

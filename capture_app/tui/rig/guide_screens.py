@@ -7,6 +7,7 @@ import asyncio
 import textwrap
 from collections import deque
 from collections.abc import Awaitable, Callable, Coroutine
+from contextlib import aclosing
 from typing import ClassVar, Protocol
 
 import segno
@@ -16,15 +17,13 @@ from textual.content import Content
 from textual.renderables.digits import DIGITS, DIGITS3X3
 
 from capture_app.common.address import LOOPBACK_HOSTS, parse_address
-from capture_app.common.errors import SimulshotError
+from capture_app.common.errors import IncompleteError, SimulshotError
 from capture_app.common.pairing_codes import show_code
-from capture_app.common.text import printable
-from capture_app.protocol.orders import (
-    PhoneInvited,
-)
+from capture_app.common.text import count, printable
+from capture_app.protocol.orders import PhoneInvited
 from capture_app.protocol.pairing_messages import Invite, Invited
-from capture_app.protocol.status import LogLine
-from capture_app.rig.rig_link import RigLink
+from capture_app.protocol.status import LogLine, RigStatus
+from capture_app.rig.rig_link import LinkLost, RigLink
 from capture_app.tui.question import BoxDialog
 from capture_app.tui.rig_record import RecordChanged
 from capture_app.tui.widgets.lines import Lines, log_lines
@@ -43,6 +42,9 @@ PHONE_STEPS = (
     BROWSER_STEP,
     "3  Start the camera and allow access. Place the phone and plug it in.",
 )
+MAX_MISSING = 4
+"""Views named at a time that a board has not covered."""
+_COVERED = ("The coverage is complete: a burst of such views calibrates the rig.", "$success")
 _USED = ("The last code was used or has expired. For the next device:", "$success")
 
 
@@ -174,6 +176,34 @@ async def invite_machine(source: RigLink, leader: str, screen: GuideScreen) -> N
     screen.show(
         command, *line, *((row, "bold $success") for row in large(code)), (words, "$foreground-muted")
     )
+
+
+async def show_coverage(source: RigLink, rig: RigStatus | None, screen: GuideScreen) -> None:
+    """Show which views of the default board the cameras have, and which are missing, until none is.
+
+    `rig`: its status, if it is known.
+    """
+    from capture_app.rig.board_coverage import watch_coverage  # loads OpenCV's detectors
+
+    foot = (
+        "Show the printed board (reconstruct board board.pdf) to all cameras. Then take a burst of it, and "
+        "calibrate from the board: A in Sessions. Another board: capture-app coverage --board",
+        "$foreground-muted",
+    )
+    try:
+        if rig is None:
+            raise IncompleteError(f"{source.leader} has not answered yet", hint="start a rig, and try again")
+        async with aclosing(watch_coverage(source.another(), rig)) as changes:
+            async for found in changes:
+                if not isinstance(found, LinkLost):
+                    rows = [
+                        (f"{name:<12} {count(seen.views, 'view')}, {100 * seen.covered:.0f} % covered", "")
+                        for name, seen in found.cameras.items()
+                    ]
+                    state = [(text, "$warning") for text in found.missing[:MAX_MISSING]] or [_COVERED]
+                    screen.show("", *rows, ("", ""), *state, ("", ""), foot)
+    except SimulshotError as error:
+        screen.show("", (str(error), "$warning"))
 
 
 async def show_codes(

@@ -26,7 +26,7 @@ from capture_app.rig.rig_link import LinkLost, RigLink
 from capture_app.tui.mode import ModeView
 from capture_app.tui.question import Answer, Question, TextQuestion
 from capture_app.tui.rig.camera_list import CameraList
-from capture_app.tui.rig.guide_screens import GUIDES, Guide, GuideScreen
+from capture_app.tui.rig.guide_screens import GUIDES, Guide, GuideScreen, show_coverage
 from capture_app.tui.rig.start import StartPanel
 from capture_app.tui.rig_record import RecordChanged, RigRecord, showing_errors
 from capture_app.tui.screen_settings import Settings
@@ -72,14 +72,24 @@ class RigView(ModeView):
         Binding("L", "log", "Log", id="rig.log", tooltip="scroll through the log"),
         Binding(
             "p",
-            "panel",
+            "guide('panel')",
             "Panel",
             id="rig.panel",
             tooltip="check the timing by a clock on a screen",
         ),
         Binding("h", "phones", "Phones", id="rig.phones", tooltip="phones as cameras, by a QR code"),
-        Binding("g", "monitor", "Monitor", id="rig.monitor", tooltip="cameras and button on a phone"),
+        Binding(
+            "g", "guide('monitor')", "Monitor", id="rig.monitor", tooltip="cameras and button on a phone"
+        ),
         Binding("i", "invite", "Invite", show=False, id="rig.invite", tooltip="a code for another machine"),
+        Binding(
+            "K",
+            "coverage",
+            "Board coverage",
+            show=False,
+            id="rig.coverage",
+            tooltip="views of a calibration board that are missing, live",
+        ),
         Binding("escape", "back", "Back", id="rig.back"),
     ]
 
@@ -215,12 +225,11 @@ class RigView(ModeView):
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """Return whether an action is available, given the companions, the visible panel and the focus."""
-        if (group := _OF_COMPANIONS.get(action)) and action not in plugin_names(group):
+        name = str(*parameters) if action == "guide" else action
+        if (group := _OF_COMPANIONS.get(name)) and name not in plugin_names(group):
             return False
         return {
-            **dict.fromkeys(
-                ("add", "log", "panel", "phones", "monitor", "invite", "stagger"), self._cameras.display
-            ),
+            **dict.fromkeys(("add", "log", "guide", "phones", "invite", "stagger"), self._cameras.display),
             "remove": self._cameras.rows.has_focus,
             "back": self._adding is not None or self._event_log.has_focus,
         }.get(action, True)
@@ -284,15 +293,13 @@ class RigView(ModeView):
                 stagger = Stagger.parse_or_off(text)
                 await self._source.order(StaggerCameras(order=str(stagger or "")))
 
-    def action_panel(self) -> None:
-        """Show how to check the rig with a panel."""
-        self._show_guide("panel")
+    def action_coverage(self) -> None:
+        """Show live which views of a calibration board are missing."""
+        guide = partial(show_coverage, self._source, self._record.status)
+        self.app.push_screen(GuideScreen("coverage", "Calibration board", 60, guide))
 
-    def action_monitor(self) -> None:
-        """Show how a phone or tablet becomes a monitor."""
-        self._show_guide("monitor")
-
-    def _show_guide(self, name: str) -> None:
+    def action_guide(self, name: str) -> None:
+        """Show a companion's instructions: how to check the rig with a panel, or to watch it on a phone."""
         with showing_errors(self):
             guide = self._guides.get(name)
             if guide is None:

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import Any, ClassVar, Literal, Self, TypeVar, get_args
+from typing import Any, ClassVar, Literal, Self, TypeVar
 
 from textual import events, work
 from textual.binding import Binding, BindingType
@@ -14,7 +14,7 @@ from capture_app.common.text import duration, printable
 from capture_app.rig.motion_watch import WHOLE, Region
 from capture_app.rig.taking import TakePlan
 from capture_app.session.library.changes import check_note
-from capture_app.tui.question import TextQuestion
+from capture_app.tui.question import ListQuestion, TextQuestion
 from capture_app.tui.screen_settings import Settings
 from capture_app.tui.widgets.lines import Lines
 
@@ -35,15 +35,15 @@ REGIONS: dict[str, Region] = {
 
 
 TakeMode = Literal["single", "interval", "sequence", "motion", "recording"]
-"""Effect of one key press.
-
-single      one take
-interval    a take at a fixed interval, until stopped or all are taken
-sequence    take after take, each as soon as the previous one is saved
-motion      a take whenever something moves, until stopped or all are taken
-recording   a video with every camera, until stopped
-"""
-MODES: tuple[TakeMode, ...] = get_args(TakeMode)
+"""Effect of one key press."""
+MODES: dict[TakeMode, str] = {
+    "single": "one take",
+    "interval": "a take at a fixed interval (time lapse)",
+    "sequence": "take after take, each as soon as the one before is saved",
+    "motion": "a take whenever something moves",
+    "recording": "a video with every camera, until stopped",
+}
+"""What each mode does, in words."""
 _SERIES: tuple[TakeMode, ...] = ("interval", "sequence", "motion")
 _PICTURES: tuple[TakeMode, ...] = ("single", *_SERIES)
 LABEL = 10
@@ -147,7 +147,7 @@ class _Row:
     text: Callable[[TakeSettings, int | None], str]
     change: Callable[[TakeSettings, int], TakeSettings] | None = None
     """None for a line of text."""
-    modes: tuple[TakeMode, ...] = MODES
+    modes: Sequence[TakeMode] = tuple(MODES)
 
 
 def _frames(number: int, period_ns: int | None, sign: str) -> str:
@@ -183,7 +183,7 @@ ROWS = (
         lambda p, _: f"{p.countdown_s:g} s" if p.countdown_s else "none",
         lambda p, by: replace(p, countdown_s=stepped((0.0, 3.0, 5.0, 10.0, 20.0), p.countdown_s, by)),
     ),
-    _Row("mode", lambda p, _: p.mode, lambda p, by: replace(p, mode=_next(MODES, p.mode, by))),
+    _Row("mode", lambda p, _: p.mode, lambda p, by: replace(p, mode=_next(tuple(MODES), p.mode, by))),
     _Row(
         "every",
         lambda p, _: f"{p.every_s:g} s",
@@ -270,16 +270,20 @@ class PlanPanel(Lines, can_focus=True):
 
     @work(group="asking")
     async def action_edit(self, what: str = "") -> None:
-        """Edit the `name` or the `notes` of the following takes; by default, the selected one."""
+        """Edit the `name`, the `notes` or the `mode` of the following takes; by default, the selected one."""
         what = what or self._rows()[self._chosen].label
-        if what in TEXTS:
+        typed, field = None, what
+        if what == "mode":
+            modes: dict[str, tuple[str, str]] = {mode: (mode, does) for mode, does in MODES.items()}
+            typed = await self.app.push_screen_wait(ListQuestion("Space takes", modes, self.settings.mode))
+        elif what in TEXTS:
             field, words, check = TEXTS[what]
-            question = TextQuestion(
-                words, getattr(self.settings, field), check=check, title=what.capitalize()
-            )
-            if (typed := await self.app.push_screen_wait(question)) is not None:
-                changed: Any = {field: typed.strip()}
-                self.change(replace(self.settings, **changed))
+            now = getattr(self.settings, field)
+            question = TextQuestion(words, now, check=check, title=what.capitalize())
+            typed = await self.app.push_screen_wait(question)
+        if typed is not None:
+            changed: Any = {field: typed.strip()}
+            self.change(replace(self.settings, **changed))
 
     def _rows(self) -> tuple[_Row, ...]:
         return tuple(row for row in ROWS if self.settings.mode in row.modes)

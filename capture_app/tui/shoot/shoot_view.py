@@ -68,6 +68,13 @@ class ShootView(ModeView):
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("space", "take", "Take", id="shoot.take"),
         Binding("r", "retake", "Again", id="shoot.retake", tooltip="repeat the newest take"),
+        Binding(
+            "F",
+            "edit('mode')",
+            "Record",
+            id="shoot.mode",
+            tooltip="a video, a time lapse, or on motion",
+        ),
         Binding("v", "switch", "Live/sheet", id="shoot.switch", tooltip="live pictures or contact sheet"),
         Binding("w", "wiggle", "Wiggle", id="shoot.wiggle", tooltip="back and forth through the cameras"),
         Binding("d", "open_depth", "Depth", id="shoot.depth", tooltip="the newest take in 3D in the browser"),

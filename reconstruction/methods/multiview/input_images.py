@@ -58,7 +58,8 @@ class InputImage:
 
 
 def undistort_nearest(view: View, image: Array) -> Array:
-    """Undistort an image of a view's pixels by nearest neighbour."""
+    """Undistort an image by nearest neighbour, at the view's size."""
+    image = cv2.resize(image, (view.width, view.height), interpolation=cv2.INTER_NEAREST)
     if view.lens.is_straight:
         return image
     maps = view.lens.maps((view.width, view.height), view.matrix)
@@ -199,16 +200,11 @@ class InputImages:
     def true_depth(self, camera: str, instant: int) -> Array | None:
         """Return true depth (m, 0 = unknown), undistorted; None if unknown."""
         loaded = self.dataset.ground_truth(camera, instant)
-        return None if loaded is None else self._undistort_small(camera, loaded[0])
+        return None if loaded is None else undistort_nearest(self.views[camera], loaded[0])
 
     def undistort_mask(self, camera: str, mask: Array) -> Array:
         """Undistort and resize a mask (bool) of the session's original pixels."""
-        return self._undistort_small(camera, mask.astype(np.uint8)) > 0
-
-    def _undistort_small(self, camera: str, image: Array) -> Array:
-        view = self.views[camera]
-        small = cv2.resize(image, (view.width, view.height), interpolation=cv2.INTER_NEAREST)
-        return undistort_nearest(view, small)
+        return undistort_nearest(self.views[camera], mask.astype(np.uint8)) > 0
 
     def _load(self, camera: str, instant: int) -> InputImage | str:
         """Return an image, or why it cannot be matched."""

@@ -20,7 +20,7 @@ from capture_app.common.errors import NotAvailableError, SimulshotError
 from capture_app.session.files.durable import write_atomic
 
 FOLDER = "simulshot/blazepose"
-DETECTOR, FULL = "pose_detection.tflite", "full"
+DETECTOR, LANDMARKS, FULL = "pose_detection.tflite", "pose_landmark_{}.tflite", "full"
 DIGESTS = {
     DETECTOR: "9ba9dd3d42efaaba86b4ff0122b06f29c4122e756b329d89dca1e297fd8f866c",
     "pose_landmark_lite.tflite": "f17bfbecadb61c3be1baa8b8d851cc6619c870a87167b32848ad20db306b9d61",
@@ -36,11 +36,6 @@ PLATFORM = ("manylinux_2_28_x86_64", "x86_64-manylinux_2_28")
 """The wheel of one platform, by pip's name and by uv's, is fetched on all machines."""
 
 
-def landmarks_file(model: str) -> str:
-    """Return the file name of a landmark model."""
-    return f"pose_landmark_{model}.tflite"
-
-
 def folders() -> Sequence[Path]:
     """Return the folders that may have the weights: this Python's environment first, then the user's."""
     return Path(sys.prefix, "share", FOLDER), user_data_path() / FOLDER
@@ -52,7 +47,7 @@ def find_weights(model: str) -> tuple[bytes, bytes]:
     Raises:
         NotAvailableError: a file is not on this machine, or it is damaged; the hint fetches it.
     """
-    return _checked(DETECTOR, model), _checked(landmarks_file(model), model)
+    return _checked(DETECTOR, model), _checked(LANDMARKS.format(model), model)
 
 
 def _checked(name: str, model: str) -> bytes:
@@ -84,7 +79,7 @@ def fetch(model: str = FULL) -> Path:
         for folder in folders():
             try:
                 folder.mkdir(parents=True, exist_ok=True)
-                for name in (DETECTOR, landmarks_file(model)):
+                for name in (DETECTOR, LANDMARKS.format(model)):
                     found = next(Path(scratch).rglob(name), None)
                     data = b"" if found is None else found.read_bytes()
                     if hashlib.sha256(data).hexdigest() != DIGESTS[name]:

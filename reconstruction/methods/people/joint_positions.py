@@ -44,16 +44,13 @@ def locate(projections: Array, pixels: Array, variances: Array, start: Array | N
     points = _start(projections, pixels, variances, seen)
     if start is not None:
         points = np.where(np.isfinite(start), start, points)
-    used = seen
-    for _ in range(STEPS):
+    for step in range(STEPS + 1):
         residuals, jacobian, ahead = _project(projections, pixels, points)
         weights = _weights(seen & ahead, variances, residuals)
         normal = np.einsum("cn,cnij,cnik->njk", weights, jacobian, jacobian)
-        points = points + _solve(normal, np.einsum("cn,cnij,cni->nj", weights, jacobian, residuals))
-    residuals, jacobian, ahead = _project(projections, pixels, points)
-    weights = _weights(seen & ahead, variances, residuals)
+        if step < STEPS:
+            points = points + _solve(normal, np.einsum("cn,cnij,cni->nj", weights, jacobian, residuals))
     used = weights > 0
-    normal = np.einsum("cn,cnij,cnik->njk", weights, jacobian, jacobian)
     covariance = LOST * _inverse(normal)
     known = (used.sum(axis=0) >= 2) & np.isfinite(points).all(axis=1)
     known &= np.isfinite(covariance).all(axis=(1, 2))
@@ -113,13 +110,12 @@ def _solve(normal: Array, right: Array) -> Array:
 
 def _inverse(normal: Array) -> Array:
     """Return the inverses of symmetric matrices (n, 3, 3); NaN for those that have none."""
-    scale = np.einsum("nii->n", normal)
-    regular = (scale > 0) & np.isfinite(scale)
-    safe = np.where(regular[:, None, None], normal / np.where(regular, scale, 1.0)[:, None, None], np.eye(3))
-    regular &= np.linalg.det(safe) > 1e-15
-    safe = np.where(regular[:, None, None], safe, np.eye(3))
-    inverse = np.linalg.inv(safe) / np.where(regular, scale, 1.0)[:, None, None]
-    return np.where(regular[:, None, None], inverse, np.nan)
+    scale = np.einsum("nii->n", normal)[:, None, None]
+    scaled = np.nan_to_num(normal / np.where(scale > 0, scale, np.inf))
+    regular = np.linalg.det(scaled) > 1e-15
+    inverse = np.full_like(normal, np.nan)
+    inverse[regular] = np.linalg.inv(scaled[regular]) / scale[regular]
+    return inverse
 
 
 def radius_95(covariance: Array) -> Array:

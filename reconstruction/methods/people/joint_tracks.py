@@ -160,12 +160,11 @@ def interpolate(track: Track, at_s: Array, period_s: float, *, nearest: bool = F
         at = (weights[:, :, None] * pixels[places]).sum(axis=1)
         step = times[right] - times[left]
         speed = np.linalg.norm(pixels[right] - pixels[left], axis=1) / np.where(step > 0, step, np.inf)
-        found.pixels[usable, joint] = at[usable]
-        found.confidence[usable, joint] = np.minimum(confidence[left], confidence[right])[usable]
-        found.noise[usable, joint] = (weights**2).sum(axis=1)[usable]
-        found.bend[usable, joint] = bend[usable]
-        found.speed[usable, joint] = speed[usable]
-        found.moved[usable, joint] = np.linalg.norm(at - pixels[closest], axis=1)[usable]
+        certain = np.minimum(confidence[left], confidence[right])
+        moved = np.linalg.norm(at - pixels[closest], axis=1)
+        values = PixelsAt(at, certain, (weights**2).sum(axis=1), bend, speed, moved)
+        for whole, own in zip(found, values, strict=True):
+            whole[usable, joint] = own[usable]
     return found
 
 

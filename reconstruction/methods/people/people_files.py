@@ -81,29 +81,20 @@ def smoothed(positions: Array, rate_hz: float, cutoff_hz: float) -> Array:
     """Return positions (times, joints, 3) after a Butterworth low pass of second order, forth and back.
 
     Gaps stay gaps; each run of known positions is filtered by itself, extended by its reflection. Runs of
-    under four positions stay as they are. Bilinear transform after Winter, Biomechanics (2009), 2.4.
+    under four positions stay as they are.
     """
-    # Forth and back, the gain of 0.5 ** 0.5 is reached at 0.802 times each pass' own frequency.
-    tangent = np.tan(np.pi * min(cutoff_hz / 0.802, 0.49 * rate_hz) / rate_hz)
-    root = np.sqrt(2) * tangent
-    gain = tangent**2 / (1 + root + tangent**2)
-    back = np.array([2 * (tangent**2 - 1), 1 - root + tangent**2]) / (1 + root + tangent**2)
-
-    def passed(values: Array) -> Array:
-        found = values.copy()
-        for k in range(2, len(values)):
-            fed = values[k] + 2 * values[k - 1] + values[k - 2]
-            found[k] = gain * fed - back[0] * found[k - 1] - back[1] * found[k - 2]
-        return found
-
     smooth = positions.copy()
     for joint in range(positions.shape[1]):
         known = np.isfinite(positions[:, joint, 0])
         edges = np.nonzero(np.diff(known.astype(int), prepend=0, append=0))[0].reshape(-1, 2)
         for begin, end in edges:
-            run, extra = positions[begin:end, joint], min(end - begin - 1, int(2 * rate_hz / cutoff_hz) + 3)
             if end - begin >= 4:
-                before, after = 2 * run[0] - run[extra:0:-1], 2 * run[-1] - run[-2 : -extra - 2 : -1]
-                whole = passed(np.concatenate([before, run, after]))
-                smooth[begin:end, joint] = passed(whole[::-1])[::-1][extra : extra + len(run)]
+                extra = min(end - begin - 1, int(2 * rate_hz / cutoff_hz) + 3)
+                run = np.pad(
+                    positions[begin:end, joint], ((extra, extra), (0, 0)), "reflect", reflect_type="odd"
+                )
+                # Forth and back, the gain of 0.5 ** 0.5 is reached at 0.802 times each pass' own frequency.
+                own = np.fft.rfftfreq(len(run), 1 / rate_hz) / (cutoff_hz / 0.802)
+                passed = np.fft.irfft(np.fft.rfft(run, axis=0) / (1 + own[:, None] ** 4), len(run), axis=0)
+                smooth[begin:end, joint] = passed[extra : extra + end - begin]
     return smooth

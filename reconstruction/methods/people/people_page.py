@@ -24,13 +24,19 @@ def write_people_page(
     points = np.concatenate([person.positions[np.isfinite(person.error)] for person in found.people])
     frame = frame_of(views, np.median(points, axis=0))
     away = np.concatenate([np.linalg.norm(points - view.centre, axis=1) for view in views.values()])
-    instants = []
-    for time in shown.tolist():
-        people = []
-        for person in found.people:
-            values = np.column_stack([person.positions[time], person.error[time]])
-            people.append([None if np.isnan(row[3]) else [round(float(v), 5) for v in row] for row in values])
-        instants.append({"instant": time, "people": people})
+    instants = [
+        {
+            "instant": time,
+            "people": [
+                [
+                    None if np.isnan(error) else [*np.round(place, 5).tolist(), round(error, 5)]
+                    for place, error in zip(person.positions[time], person.error[time].tolist(), strict=True)
+                ]
+                for person in found.people
+            ],
+        }
+        for time in shown.tolist()
+    ]
     step_s = float(np.diff(found.times_s[shown]).mean()) if len(shown) > 1 else 1.0
     write_walk_page(
         out,

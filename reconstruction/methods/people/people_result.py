@@ -123,6 +123,7 @@ def save_people(scene: Scene, condition: Condition, folder: Path, method: People
     """
     if method.up not in UPS:
         raise BadInputError(f"--up {method.up} is not an axis", hint=", ".join(UPS))
+    method.progress.total = (method.keypoints is None) * len(scene.views) + 1 + method.film
     finder = find_people(scene, method)
     found = people_at(scene, finder, condition, method)
     method.progress.step(f"{count(len(found.people), 'individual')} at {len(found.times_s)} times")

@@ -154,14 +154,13 @@ class PeopleFinder:
         nearest frames as they are.
         """
         late = [(late_s or {}).get(name, np.zeros(1)) for name in self.names]
-        seen = list[PixelsAt]()
-        for tracks in self.people:
-            by_camera = list[PixelsAt]()
-            for number, late_by in enumerate(late):
-                own = [track for track in tracks if track.camera == number]
-                parts = [interpolate(one, times_s + late_by, self.period_s, nearest=nearest) for one in own]
-                by_camera.append(_merged(parts, (len(times_s), len(self.skeleton.joints))))
-            seen.append(stack(by_camera))
+        seen = [
+            stack([
+                interpolate(track, times_s + late_by, self.period_s, nearest=nearest)
+                for track, late_by in zip(self._whole(tracks), late, strict=True)
+            ])
+            for tracks in self.people
+        ]  # fmt: skip
         noise = self._noise(seen)
         people = [self._person(one, noise) for one in seen]
         moved = [one.moved[np.isfinite(one.pixels[..., 0])] for one in seen]
@@ -174,6 +173,24 @@ class PeopleFinder:
             moved_ms=float(np.median(away)) * 1e3,
             moved_px=float(np.percentile(np.concatenate(moved), 95)) if any(map(len, moved)) else 0.0,
         )
+
+    def _whole(self, tracks: Sequence[Track]) -> list[Track]:
+        """Return one track a camera of an individual, of those that never share a frame."""
+        joints = len(self.skeleton.joints)
+        whole = [
+            Track(
+                number,
+                np.repeat(one.frame_s[:, None], joints, axis=1),
+                np.full((len(one.frame_s), joints, 2), np.nan),
+                np.zeros((len(one.frame_s), joints)),
+            )
+            for number, one in enumerate(self.frames)
+        ]
+        for track in tracks:
+            seen, own = track.frames, whole[track.camera]
+            own.times_s[seen], own.pixels[seen] = track.times_s[seen], track.pixels[seen]
+            own.confidence[seen] = track.confidence[seen]
+        return whole
 
     def _variances(self, seen: PixelsAt, noise: Array) -> Array:
         """Return the variances of pixels (cameras, times, joints), px squared, of a noise (joints,), px."""
@@ -243,16 +260,6 @@ def _tracks(number: int, camera: CameraFrames) -> list[Track]:
         pixels[inside] = view.undistort(pixels[inside])
         tracks.append(Track(number, times, pixels, confidence))
     return tracks
-
-
-def _merged(parts: Sequence[PixelsAt], shape: tuple[int, int]) -> PixelsAt:
-    """Return one camera's pixels of an individual from its tracks, of which one at most knows each."""
-    empty = PixelsAt(np.full((*shape, 2), np.nan), *(np.zeros(shape) for _ in range(5)))
-    for part in parts:
-        known = np.isfinite(part.pixels[..., 0])
-        for whole, own in zip(empty, part, strict=True):
-            whole[known] = own[known]
-    return empty
 
 
 def _running_median(points: Array) -> Array:

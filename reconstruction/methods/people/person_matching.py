@@ -1,13 +1,15 @@
 """Which tracks of several cameras are one individual: by epipolar distances of all joints over time."""
 
 from collections.abc import Sequence
+from itertools import combinations
 
 import numpy as np
 
-from reconstruction.common.geometry import Array, View, other_from_reference
+from reconstruction.common.geometry import Array, View
 from reconstruction.methods.people.joint_tracks import RELIABLE, PixelsAt, Track, size_of, stack
+from reconstruction.time_offsets.pair_geometry import epipolar_errors_px
 
-MAX_DISTANCE = 0.06
+MAX_DISTANCE = 0.042
 """Largest epipolar distance of one individual's tracks, relative to its size in the images."""
 MIN_SHARED = 4
 """Fewest joints, over all times, by which two tracks are compared."""
@@ -49,31 +51,13 @@ def _distances(tracks: Sequence[Track], seen: Sequence[PixelsAt], views: Sequenc
     """
     costs = np.full((len(tracks), len(tracks)), np.nan)
     at = stack(seen)
-    homogeneous = np.concatenate([at.pixels, np.ones((*at.pixels.shape[:3], 1))], axis=3)
     reliable = (at.confidence > RELIABLE) & np.isfinite(at.pixels[..., 0])
     sizes = np.stack([size_of(one.pixels) for one in seen])
-    for first, a in enumerate(tracks):
-        for second in range(first + 1, len(tracks)):
-            b = tracks[second]
-            both = reliable[first] & reliable[second]
-            if a.camera == b.camera or both.sum() < MIN_SHARED:
-                continue
-            fundamental = _fundamental(views[a.camera], views[b.camera])
-            x, y = homogeneous[first][both], homogeneous[second][both]
-            line_b, line_a = x @ fundamental.T, y @ fundamental
-            across = np.abs((y * line_b).sum(axis=1))
-            moment = np.nonzero(both)[0]
-            distances = [
-                across / np.maximum(np.linalg.norm(line[:, :2], axis=1), 1e-12) / sizes[track][moment]
-                for line, track in ((line_a, first), (line_b, second))
-            ]
-            costs[first, second] = costs[second, first] = float(np.median(np.maximum(*distances)))
+    for first, second in combinations(range(len(tracks)), 2):
+        a, b = (views[tracks[number].camera].undistorted for number in (first, second))
+        both = reliable[first] & reliable[second]
+        if tracks[first].camera != tracks[second].camera and both.sum() >= MIN_SHARED:
+            away = epipolar_errors_px(a, b, at.pixels[first][both], at.pixels[second][both])
+            size = np.minimum(sizes[first], sizes[second])[np.nonzero(both)[0]]
+            costs[first, second] = costs[second, first] = float(np.median(np.abs(away) / size))
     return costs
-
-
-def _fundamental(first: View, second: View) -> Array:
-    """Return the matrix that maps a pixel of the first view to its epipolar line in the second."""
-    rotation, translation = other_from_reference(first, second)
-    x, y, z = translation
-    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.asarray(np.linalg.inv(second.matrix).T @ cross @ rotation @ np.linalg.inv(first.matrix))

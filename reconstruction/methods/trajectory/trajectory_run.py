@@ -75,6 +75,7 @@ def follow(
         row_exposures(dataset.session.camera(name), dataset.record(name, k)) is not None for name, k in frames
     )
     times_ns, projections, pixels, counted = list[int](), list[Array](), list[Array](), dict[str, int]()
+    progress.total = len(views)
     for name, view in views.items():
         progress.step(name)
         projection = view.matrix @ np.column_stack([view.rotation, view.translation])

@@ -174,8 +174,9 @@
     redraw();
   }
   const swing = document.getElementById("swing");
-  let swinging = false;
+  let swinging = false, first = 0;
   function setSwinging(on) {
+    clearTimeout(first);
     swinging = on;
     swing.setAttribute("aria-pressed", String(on));
     const begun = performance.now() - 4000 / (2 * Math.PI) * Math.asin(limit(eye.across / .9, 1));
@@ -251,7 +252,8 @@
   }
   document.getElementById("controls").hidden = false;
   const still = matchMedia("(prefers-reduced-motion: reduce)").matches;
-  go(0).then(() => { if (!still) setSwinging(true); });
+  /* The first sight is at rest, with all pixels: moving pictures have fewer where the computer is slow. */
+  go(0).then(() => { if (!still) first = setTimeout(setSwinging, 1500, true); });
   /* For tests: the eye's place, and how many pictures were drawn. */
   window.walk = { eye, draw: sharpen, coarse: () => coarser, count: () => drawn, stop: () => setSwinging(false) };
 })();

@@ -16,6 +16,7 @@ FOUND = {
     87: "a node that was killed while it removed a burst's folder left it in its spool for ever",
     177: "a node that was killed while it made a burst's folder left it in its spool for ever",
     215: "an operator who had lost the leader ended another take of its next run",
+    267: "the virtual rig blamed a camera whose frame in two takes carried their sound twice",
     307: "a recording in which a clock was slewed as NTP daemons do contradicted its clock record",
     459: "frames of a node that was started again during a recording were not marked late",
     1042: "a recording that ended within two seconds contradicted its clock record",

@@ -85,6 +85,28 @@ async def test_a_server_that_stops_ends_its_streams() -> None:
         await connect(address, Pong)
 
 
+async def test_a_program_that_is_stopped_does_not_wait_for_a_leader_out_of_reach() -> None:
+    """A node whose network was cut, and which had images on their way, ended 30 s after SIGTERM."""
+    connected = asyncio.Event()
+
+    async def take_in_nothing(channel: Channel[Ping]) -> None:
+        channel._writer.transport.pause_reading()  # type: ignore[attr-defined]
+        await asyncio.Event().wait()
+
+    async def send(address: Address) -> None:
+        async with await connect(address, Pong) as channel:
+            connected.set()
+            await channel.send(Ping(1), bytes(1 << 24))
+
+    async with serving(take_in_nothing) as address:
+        sending = asyncio.create_task(send(address))
+        await connected.wait()
+        await asyncio.sleep(0.05)
+        sending.cancel()
+        _, pending = await asyncio.wait({sending}, timeout=2)
+        assert not pending
+
+
 def test_one_number_serves_datagrams_and_streams() -> None:
     datagrams, listening = bind_port("127.0.0.1", 0)
     with datagrams, listening:

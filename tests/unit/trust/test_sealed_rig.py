@@ -9,8 +9,8 @@ from msgspec import structs
 
 from capture_app.common.node_state import NodeState
 from capture_app.sync.rig.burst_orders import BurstOrder
-from capture_app.sync.rig.events import ForeignTrigger, TriggerAnswered
-from capture_app.sync.wire.codec import FromClient, Message, decode, encode
+from capture_app.sync.rig.events import ForeignTrigger, NodeChanged, TriggerAnswered
+from capture_app.sync.wire.codec import VERSION, FromClient, Message, decode, encode
 from capture_app.sync.wire.datagrams import (
     Goodbye,
     Heartbeat,
@@ -256,6 +256,21 @@ def test_refusals_are_told_by_host_and_reason_now_and_then() -> None:
     assert rig.leader.refusals.take_events(rig.now_ns) == []
     (news,) = rig.leader.refusals.take_events(rig.now_ns + 10_000_000_000)
     assert (news.count, news.why) == (1, Refused.UNSEALED)
+
+
+def test_the_log_names_a_node_of_another_version() -> None:
+    """It said of it, if anything, that its datagrams were not sealed."""
+    rig = running("a")
+    while rig.engine.next_event() is not None:
+        pass
+    data = encode(Goodbye(1)) + bytes(40)
+    for _ in range(20):
+        rig.deliver(data[:2] + bytes([VERSION - 1]) + data[3:], UNKNOWN_PEER, LEADER)
+    event = rig.engine.next_event()
+    assert isinstance(event, NodeChanged)
+    assert event.reason.startswith(f"it speaks version {VERSION - 1} of the protocol")
+    assert rig.engine.next_event() is None
+    assert not rig.leader.refusals.counts
 
 
 def test_a_trigger_of_a_leader_that_does_not_exist_is_refused_and_told_once() -> None:

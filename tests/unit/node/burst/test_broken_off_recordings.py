@@ -305,6 +305,7 @@ async def test_the_next_run_does_not_wait_for_the_end_of_a_recording_without_an_
     await session.suspend()
     now_ns = session.burst.instants_ns[1]
     session = await asyncio.to_thread(BurstSession.resume, session.folder, now_ns, DISK)
+    assert session.status.ended, "a key takes anew, and does not end what nobody orders"
     for camera in ("a", "b"):
         session.stream_opened(camera)
     await session.accept_report(report("a", 0, 1).with_plan(picked=2), now_ns)

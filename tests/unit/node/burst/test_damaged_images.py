@@ -111,7 +111,7 @@ async def test_a_node_reports_a_refused_image_as_missing_and_goes_on(tmp_path: P
     spool = Spool(tmp_path, "a")
     async with uploading(serve, said, spool) as uploader:
         uploader.add_burst(burst_upload(*(Picture(b"%d" % n) for n in range(4))))
-        await until(lambda: sorted(taken) == [0, 2, 3] and not uploader._waiting)
+        await until(lambda: sorted(taken) == [0, 2, 3] and not uploader._bursts)
         await until(lambda: not any(folder.is_dir() for folder in spool.folder.iterdir()))
     spool.close()
     (gap,) = reports[-1].plan.missing

@@ -31,7 +31,7 @@ async def delivered(spool: Path, *, count: int = 3) -> tuple[dict[int, bytes], l
             stored[image.record.instant] = payload
 
     async with uploading(serve, said, Spool(spool, "a")) as uploader:
-        await until(lambda: len(stored) == count and not uploader._waiting)
+        await until(lambda: len(stored) == count and not uploader._bursts)
     return stored, said
 
 

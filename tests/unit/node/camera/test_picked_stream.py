@@ -1,5 +1,6 @@
 """Frames that are sent as they are picked: in bounded memory, beside other bursts, counted to the last."""
 
+import asyncio
 from collections import deque
 from pathlib import Path
 
@@ -9,7 +10,7 @@ from msgspec.structs import replace
 from capture_app.common.errors import DamagedImageError
 from capture_app.net.channel import Channel
 from capture_app.node.burst.plans import check_report
-from capture_app.node.camera.burst_upload import TOO_SLOW, Upload, encode_frame
+from capture_app.node.camera.burst_upload import TOO_SLOW, Upload, UploadInput, encode_frame
 from capture_app.node.camera.spool import Spool, SpoolFolder
 from capture_app.protocol.messages import (
     CameraReport,
@@ -22,7 +23,7 @@ from capture_app.protocol.messages import (
 from capture_app.session.format.burst_plan import MissingRun
 from capture_app.sync.rig.frame_selection import Burst
 from tests.unit.net.echoes import received_from
-from tests.unit.node.camera.uploading import Picture, burst_upload, further, uploading
+from tests.unit.node.camera.uploading import Picture, burst_upload, further, images, uploading
 from tests.waiting import until
 
 pytestmark = pytest.mark.virtual
@@ -39,14 +40,14 @@ def streamed(burst: int, *pictures: Picture, max_bytes: int = 1 << 20) -> Upload
 
 def test_what_is_missing_is_told_in_runs_at_the_end() -> None:
     upload = streamed(1, Picture(b"zero"))
-    assert upload.current_report(upload.encoded).plan.picking
+    assert upload.current_report(tuple(upload.images)).plan.picking
     upload.extend(further(gaps=(1, 2), over=3))
     upload.extend(further(gaps=(4,), over=5))
     upload.report_lost([5], "its file in the spool is damaged")
-    told = upload.current_report(upload.encoded).plan
+    told = upload.current_report(tuple(upload.images)).plan
     assert (told.picked, told.missing_runs) == (None, ())
     upload.extend(further(over=6, ended=True))
-    told = upload.current_report(upload.encoded).plan
+    told = upload.current_report(tuple(upload.images)).plan
     assert (told.picking, told.picked, told.instants, told.missing) == (False, 6, (), ())
     assert told.missing_runs == (
         MissingRun(first=1, count=2, reason="the camera dropped the frame", dropped=True),
@@ -62,7 +63,7 @@ def test_frames_that_turn_out_to_be_missing_after_later_ones_are_told_in_order()
     for instant in (1, 3, 2):
         upload.report_lost([instant], "its image is damaged: cut off")
     upload.extend(further(over=6, ended=True))
-    told = upload.current_report(upload.encoded).plan
+    told = upload.current_report(tuple(upload.images)).plan
     assert [(run.first, run.count) for run in told.missing_runs] == [(1, 2), (3, 1), (4, 2)]
     instants_ns = tuple(range(0, 6 * 33_333_333, 33_333_333))
     burst = Burst(1, instants_ns, 33_333_333, 0, ("a",), streamed=True)
@@ -73,7 +74,7 @@ def test_frames_beyond_the_memory_for_them_are_missing_with_the_reason() -> None
     upload = streamed(1, *(Picture(b"x" * 100) for _ in range(5)), max_bytes=250)
     assert [frame.instant for frame in upload.frames] == [0, 1]
     upload.extend(further(over=5, ended=True))
-    assert upload.current_report(upload.encoded).plan.missing_runs == (
+    assert upload.current_report(tuple(upload.images)).plan.missing_runs == (
         MissingRun(first=2, count=3, reason=TOO_SLOW),
     )
 
@@ -112,6 +113,26 @@ async def test_frames_are_sent_as_they_come_and_the_end_is_told(tmp_path: Path) 
         await until(lambda: not list((tmp_path / "a").iterdir()))
     assert reports[-1].plan.missing_runs[0].first == 3
     assert sorted(sent) == [(1, 0), (1, 1), (1, 2), (2, 0)]
+
+
+async def test_a_recording_does_not_wait_for_another_one_that_goes_on(tmp_path: Path) -> None:
+    """Frames of the later one stayed in memory, and died with the node, until the earlier one ended."""
+    sent: list[int] = []
+
+    async def serve(channel: Channel[ToLeader]) -> None:
+        async for image, _ in images(channel):
+            sent.append(image.burst)
+
+    async with uploading(serve, [], Spool(tmp_path, "a")) as uploader:
+        frames = burst_upload(*(Picture(b"%d" % n) for n in range(100))).frames
+        uploader.add_burst(streamed(1))
+        later = streamed(2, Picture(b"zero"))
+        uploader.add_burst(later)
+        for number in range(100):
+            uploader.extend_burst(further(frames[number], over=number + 1))
+            await asyncio.sleep(0.03)
+        assert sent.count(2) == 1
+        assert sent.count(1) > 90
 
 
 async def test_a_node_that_is_started_again_offers_what_the_spool_has(tmp_path: Path) -> None:
@@ -212,6 +233,7 @@ async def test_frames_after_the_end_are_dropped_and_not_reported_as_lost(tmp_pat
     folder.film.close()
     upload = Upload.of_spool(SpoolFolder(folder.folder))
     assert upload.report.plan.instants == (0, 1, 2, 3)
+    upload.take(UploadInput.REPORTED)
     upload.commit(None, 2)
-    assert (upload.encoded, upload.lost_instants()) == ((0, 1), [])
+    assert ([*upload.images], upload.lost_instants()) == ([0, 1], [])
     spool.close()

@@ -67,6 +67,15 @@ async def test_a_link_begins_with_the_status_and_the_news_so_far(leader: LeaderN
     await updates.aclose()
 
 
+async def test_a_session_that_was_renamed_is_not_named_any_more(leader: LeaderNode, tmp_path: Path) -> None:
+    saved, renamed = tmp_path / "burst-001", tmp_path / "jump"
+    saved.mkdir()
+    leader.bursts.saved.extend([str(saved), str(tmp_path)])
+    saved.rename(renamed)
+    rig = await ask_status(leader.own_address)
+    assert rig.sessions == (str(tmp_path),)
+
+
 async def test_a_lost_leader_is_told_and_its_successor_is_shown_without_telling_news_twice(
     tmp_path: Path,
 ) -> None:

@@ -7,7 +7,7 @@ import msgspec
 import pytest
 
 from capture_app.common.errors import BadInputError
-from reconstruction.method.score import Score, Words, study_reports
+from reconstruction.method.score import Score, say_all, study_reports
 from reconstruction.method.word_check import check_words
 from reconstruction.method.words import MeasureText, StudyText, read_words
 from reconstruction.methods.splat.splat_study import SplatFacts
@@ -60,18 +60,12 @@ def test_a_misspelt_key_is_refused_with_its_file(
         read_words("misspelt_words")
 
 
-def test_what_fails_is_named_once_and_is_nothing() -> None:
-    words, measures = Words(), dict[str, str]()
-    assert words.of(study_reports()["stereo"], lambda: measures["gone"], "") == ""
-    assert "gone" in words.failed["depth"]
-
-
 def test_a_comparison_outlives_the_words_of_a_method(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     stereo = study_reports()["stereo"]
     broken = {"verdict": "{{ found.valeu }}", "section": "<p>{{ view.nothing }}</p>", "title": "Depth"}
     monkeypatch.setattr(stereo, "text", msgspec.structs.replace(stereo.text, **broken))
     result = whole_result(tmp_path)
-    assert "the words of depth (unexpected UndefinedError" in verdict(result)
+    assert "depth (its words failed: unexpected UndefinedError" in say_all(result, verdict)
     page = write_report(result, tmp_path).read_text()
     assert "its words failed: unexpected UndefinedError" in page
     assert "Panorama" in page, "the other methods are there"

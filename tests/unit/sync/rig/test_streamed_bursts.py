@@ -87,6 +87,22 @@ def test_a_camera_may_be_let_drift() -> None:
     assert abs(ends_ns[0] - ends_ns[1]) > 400_000
 
 
+def test_the_last_frame_of_a_camera_that_fails_is_selected_at_once() -> None:
+    """It waited 30 periods for one that might be nearer, and was lost with its node meanwhile."""
+    rig = rig_of_two()
+    burst = rig.trigger(frames=FRAMES, streamed=True)
+    node = rig.nodes["cam0"]
+    assert rig.run_until(
+        lambda: (node.client.ring.newest_local_ns or 0) > burst.instants_ns[50] - 5 * MS, limit_ns=10 * S
+    )
+    assert node.bursts[burst.number].over == 50, "a later frame might be nearer"
+    node.client.fail("the camera went away")
+    node.client.handle_timer(rig.now_true_ns)
+    events = iter(node.client.next_event, None)
+    (selected,) = (event for event in events if isinstance(event, FramesSelected))
+    assert [frame.instant for frame in selected.frames] == [50]
+
+
 def test_dropped_frames_are_reported_with_the_rest() -> None:
     rig = rig_of_two(drop_fraction=0.05)
     burst = rig.trigger(frames=FRAMES, streamed=True)

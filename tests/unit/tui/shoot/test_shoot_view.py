@@ -9,7 +9,7 @@ from textual.widgets import Digits, Static
 from capture_app.protocol.messages import BurstRequest
 from capture_app.session.library.listing import list_sessions
 from capture_app.tui.screen_settings import Settings
-from tests.unit.tui.driving import until
+from tests.unit.tui.driving import settle, until
 from tests.unit.tui.shoot.studio import Studio, ready_rig, saves_into
 
 COUNTDOWN_S = 3600.0
@@ -50,6 +50,20 @@ async def test_a_bad_name_is_not_taken(tmp_path: Path) -> None:
         await pilot.press("escape")
         await pilot.pause()
         assert studio.view.plan_panel.settings.name == ""
+
+
+async def test_a_recording_is_found_by_its_name_and_taken(tmp_path: Path) -> None:
+    studio = Studio(ready_rig(2), tmp_path)
+    async with studio.app.run_test(size=(80, 24)) as pilot:
+        await pilot.press("2")
+        await settle(pilot)
+        found = [command.title for command in studio.app.get_system_commands(studio.app.screen)]
+        assert any(title.startswith("Record") for title in found)
+        await pilot.press("F")
+        await settle(pilot)
+        await pilot.press("end", "enter")
+        await settle(pilot)
+        assert studio.view.plan_panel.settings.plan().video
 
 
 async def test_the_plan_is_changed_with_arrows(tmp_path: Path) -> None:

@@ -253,7 +253,7 @@ def light_changes(
         displacement = still.directions.reshape(-1, 3)[seen.pixels] * seen.hits.distance[:, None]
         pixels.append(seen.pixels)
         colours.append(colour)
-        normals.append(np.matmul(rotation, normal[:, :, None])[:, :, 0])
+        normals.append(np.einsum("nij,nj->ni", rotation, normal))
         points.append(view.centre + displacement)
     in_front = np.concatenate(pixels)
     # All parts at once, because each cast costs more than its rays.
@@ -300,7 +300,7 @@ def in_shadow(
         chosen = np.flatnonzero(_near_shadow(on_sun_plane, part))
         if len(chosen):
             rotation, translation = part.rotation[rows[chosen]], part.translation[rows[chosen]]
-            start = np.matmul((points[chosen] - translation)[:, None], rotation)[:, 0]
+            start = np.einsum("ni,nij->nj", points[chosen] - translation, rotation)
             hidden[chosen] |= part.body.occludes(bundle_rays(start, to_sun @ rotation), near=0.008, far=20.0)
     return hidden
 

@@ -142,12 +142,13 @@ class Body:
 
         `footprint` (N) is the width in m of a sample on the surface, seen face on.
         """
-        weights = np.stack([1 - hits.barycentric.sum(1), *hits.barycentric.T], axis=1)[:, :, None]
-        normal = (self._normals[hits.triangle] * weights).sum(1)
+        u, v = hits.barycentric.T
+        weights = np.stack([1 - (u + v), u, v], axis=1)
+        normal = np.einsum("nij,ni->nj", self._normals[hits.triangle], weights)
         normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-9)
-        facing = (normal * directions).sum(1) / np.linalg.norm(directions, axis=1)
+        facing = np.einsum("ni,ni->n", normal, directions) / np.linalg.norm(directions, axis=1)
         normal = np.where(facing[:, None] > 0, -normal, normal)
-        uv = (self._uv[hits.triangle] * weights).sum(1)
+        uv = np.einsum("nij,ni->nj", self._uv[hits.triangle], weights)
         # A slanted surface is compressed along one direction only, so blur by half of that, in octaves.
         stretched = footprint * self._texels_per_m[hits.triangle] / np.sqrt(np.maximum(np.abs(facing), 0.05))
         lod = np.log2(np.maximum(stretched, 1.0)).astype(np.float32)

@@ -27,6 +27,15 @@ def test_a_browser_draws_the_splats_of_each_instant(
     assert complaints(browser) == []
 
 
+def test_its_first_sight_is_whole_and_then_it_swings(browser: Browser, page: Path) -> None:
+    opened(browser, page, 640)
+    asked(browser, "new Promise(done => setTimeout(done, 600))")
+    at_first = asked(browser, "[walk.eye.across, canvas.width]")
+    assert at_first == [0, asked(browser, "walk.draw(); canvas.width")]
+    asked(browser, "new Promise(done => setTimeout(done, 2500))")
+    assert asked(browser, "walk.eye.across") != 0
+
+
 def test_it_moves_in_fewer_pixels_and_rests_in_all(browser: Browser, page: Path) -> None:
     """Where a picture takes long, pictures of a moving eye are smaller; the last one is whole again."""
     opened(browser, page, 640)

@@ -13,6 +13,7 @@ import pytest
 from capture_app.common.errors import BadInputError, NotApplicableError, NotAvailableError, SimulshotError
 from capture_app.session.format.manifest import CALIBRATION
 from capture_app.session.reading.reader import Session
+from reconstruction.common.geometry import resize_view
 from reconstruction.method.truth import depth_shares
 from reconstruction.methods.multiview import colmap_workspace
 from reconstruction.methods.multiview.colmap_workspace import (
@@ -122,6 +123,15 @@ def test_truth_is_moved_as_the_picture_is(trio: Session) -> None:
     pixel = [float(plain_xs[20, 30]), float(plain_ys[20, 30])]
     ray = VIEWS["middle"].rays(np.array([pixel]))
     assert ray == pytest.approx(shot.calibrated.view.rays(np.array([[30.0, 20.0]])), abs=0.005)
+
+
+@pytest.mark.parametrize("lens", ["straight", "distorted"])
+def test_truth_is_as_small_as_the_pictures(lens: str) -> None:
+    """`--width` makes maps smaller than the ground truth's files."""
+    view = resize_view(VIEWS["middle"] if lens == "distorted" else VIEWS["middle"].undistorted, 160, 120)
+    across = undistort_nearest(view, np.mgrid[0:240, 0:320][1].astype(np.float32))
+    assert across.shape == (120, 160)
+    assert across[60, 20:140] == pytest.approx(2 * np.arange(20, 140), abs=8)
 
 
 def test_instants_are_the_nearest_to_the_offsets(trio: Session) -> None:

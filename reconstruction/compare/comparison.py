@@ -27,6 +27,7 @@ from reconstruction.method.timing import measure_pair_timing, measure_rig_timing
 from reconstruction.report.comparison_report import report_words, write_report
 from reconstruction.report.findings import verdict
 from reconstruction.scene.calibration.consistency import check_rig
+from reconstruction.scene.calibration.structure_from_motion import unconfirmed_lenses
 from reconstruction.scene.conditions import (
     Condition,
     evenly_spaced,
@@ -318,7 +319,7 @@ def _measure_pair_timing(context: Context, offsets: PairOffsets, study: Score) -
     """Measure the time offset of a study's pair, and the delay that its depth tolerates."""
     context.progress.step(f"time offset of {study.cameras[1]} against {study.cameras[0]}")
     timing = measure_pair_timing(offsets, study.pair)
-    if not study.measures_delay:
+    if not study.measures_delay or unconfirmed_lenses(context.scene.source):
         return {"timing": timing}
     timing = with_depth(timing, study.found)
     context.progress.step("depth at different offsets")

@@ -28,6 +28,7 @@ from reconstruction.method.timing import (
     with_depth_runs,
 )
 from reconstruction.report.tolerance_report import tolerance_sentence, write_tolerance_report
+from reconstruction.scene.calibration.structure_from_motion import unconfirmed_lenses
 from reconstruction.scene.conditions import (
     SYNCHRONIZED,
     FrameOffset,
@@ -186,7 +187,6 @@ def measure_tolerance(
             verdict=tolerance_sentence(curve),
             session=str(session),
             reason=study.reason,
-            calibration=scene.source,
             report="" if out is None else REPORT,
         )
         result = with_provenance(result, began, time_shifts_ms)
@@ -268,8 +268,10 @@ def measure_curve(
     judged = with_depth(judged, next(point for point in points if not point.late_ms))
     speed = _speed_px_per_ms(context.compared.motion, cameras[0], nows)
     own = scene.dataset.worst_residual_us()
+    is_known = judged.synchronized and not unconfirmed_lenses(scene.source)
     return OffsetTolerance(
         cameras=cameras,
+        calibration=scene.source,
         measure=measure,
         points=points,
         instants=len(nows),
@@ -277,7 +279,7 @@ def measure_curve(
         timing=judged,
         peak_ms=float(np.median(peaks)) if peaks else None,
         per_instant=instants,
-        tolerable_offset_ms=tolerable_offset_ms(points, measure, speed) if judged.synchronized else None,
+        tolerable_offset_ms=tolerable_offset_ms(points, measure, speed) if is_known else None,
         speed_px_per_ms=speed,
         sync_residual_us=own,
         sync_residual_px=own / 1000 * speed if own is not None and speed is not None else None,

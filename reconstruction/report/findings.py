@@ -9,13 +9,13 @@ from reconstruction.common import wording
 from reconstruction.common.templates import render_sentences
 from reconstruction.method.comparison_results import CompareResult
 from reconstruction.method.phrases import EACH_DELAYED, LIMITS, UNSYNCHRONIZED, late_text
-from reconstruction.method.score import reported, study_reports
+from reconstruction.method.score import Score, reported, study_reports
 from reconstruction.method.study_result import StudyResult
 from reconstruction.method.tally import CONDITIONS
 from reconstruction.method.timing import SessionTiming, Timing
 from reconstruction.method.words import Claim
 from reconstruction.scene.calibration.consistency import INACCURATE_PX, describe_misfit
-from reconstruction.scene.calibration.structure_from_motion import GUESS
+from reconstruction.scene.calibration.structure_from_motion import GUESS, unconfirmed_lenses
 
 VAGUE_FRACTION = 0.6
 """Width of a fraction's 95 % interval from which it is no headline."""
@@ -94,7 +94,7 @@ def verdict(result: CompareResult) -> str:
 
     Images are said to show one instant only if their timing was found to.
     """
-    made, (_, guess, errors) = reported(result), result.calibration.partition(GUESS)
+    made, (_, guess, errors) = _believed(result), result.calibration.partition(GUESS)
     names = {found.name for _, found in made}
     recorded = [study.as_recorded(result, found) for study, found in made]
     clear = [study.verdict(result, found) for study, found in made if study.text.replaces not in names]
@@ -103,7 +103,8 @@ def verdict(result: CompareResult) -> str:
         result=result,
         recorded=next((text for text in recorded if text is not None), None),
         clear=list(filter(None, clear)),
-        is_measured=any(found.measures for _, found in made),
+        is_measured=any(found.measures for _, found in reported(result)),
+        lenses=unconfirmed_lenses(result.calibration),
         late=late_text(result),
         rig=rig_sentence(result.rig_timing, result.timing) if result.rig_timing is not None else "",
         guess=guess + errors,
@@ -115,6 +116,12 @@ def verdict(result: CompareResult) -> str:
         ],
         **LIMITS,
     )
+
+
+def _believed(result: CompareResult) -> list[tuple[type[Score], StudyResult[Any]]]:
+    """Return the studies from which a verdict may be made, each with its result."""
+    unconfirmed = unconfirmed_lenses(result.calibration)
+    return [made for made in reported(result) if not (unconfirmed and made[0].needs_calibration)]
 
 
 def _misfit_sentence(result: CompareResult) -> str:
@@ -132,7 +139,7 @@ def claims(result: CompareResult) -> tuple[Sequence[dict[str, object]], str]:
     `tone` is the condition; `value` is in words and `fraction` (0..1) is drawn. `what` says what the value
     measures, and `when` names the condition's images.
     """
-    for study, found in reported(result):
+    for study, found in _believed(result):
         claim = next((claim for claim in study.text.claims if found.first_known(claim.measure)), None)
         if claim is not None and not _is_vague(found, claim):
             return [*_claimed(found, claim, name_conditions(result, found.cameras))], claim.note

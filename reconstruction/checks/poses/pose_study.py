@@ -162,6 +162,7 @@ class PoseStudy(Score):
     """Camera poses of single instants, compared with the calibration."""
 
     text = read_words(__package__)
+    needs_calibration = True
     packages = ("pycolmap",)
     Options = PoseEstimation
 
@@ -196,8 +197,6 @@ class PoseStudy(Score):
         """
         self.progress.step("camera poses from single instants")
         self.cameras = tuple(name for name in self.dataset.cameras if name in self.scene.known_views)
-        if not self.cameras:
-            raise ValueError("the cameras have no calibration to compare poses with")
         if len(self.cameras) < 3:
             raise ValueError("poses of fewer than three cameras cannot be judged: the scale is unknown")
 

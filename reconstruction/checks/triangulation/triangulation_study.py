@@ -231,8 +231,7 @@ class TriangulationStudy(Score):
 
     def _choose_cameras(self) -> tuple[str, ...]:
         """Return the depth pair and the cameras nearest to it; without one, those nearest to the centre."""
-        if not (views := self.scene.views):
-            raise ValueError("the cameras have no calibration")
+        views = self.scene.views
         if missing := [c for c in self.cameras if c not in views]:
             raise ValueError(f"no calibration of {', '.join(missing)}")
         if self.cameras:

@@ -49,6 +49,7 @@ from reconstruction.methods.multiview.sweep_matcher import ViewDepth
 from reconstruction.pages.embedding import InstantClouds, embed_image, view_clouds
 from reconstruction.pages.page import Section, render_page, write_page
 from reconstruction.scene.calibration.consistency import turn_error
+from reconstruction.scene.calibration.structure_from_motion import unconfirmed_lenses
 from reconstruction.scene.conditions import Condition
 from reconstruction.scene.dataset import Dataset
 
@@ -73,12 +74,13 @@ class MadeMultiview(Made[MultiviewResult]):
         """Return the probability that depth is within 2 % of the true one, float32; 0 where it is unknown.
 
         Raises:
-            NotAvailableError: COLMAP matched, whose maps have none.
+            NotAvailableError: COLMAP matched, whose maps have none, or no image confirms the lenses.
         """
         if (confidence := self._view(camera).get(CONFIDENCE)) is None:
             raise NotAvailableError(
-                f"the depth of {camera} has no confidence: COLMAP's PatchMatch does not report any",
-                hint="compute it with --matcher sweep",
+                f"the depth of {camera} has no confidence: "
+                "COLMAP's PatchMatch does not report any, and lenses that no image confirms allow none",
+                hint="compute it with --matcher sweep, by a calibration from a board",
             )
         return confidence.astype(np.float32)
 
@@ -125,8 +127,10 @@ def model_instant(
     images, sources, rough, maps = maps_found.images, maps_found.sources, maps_found.rough, maps_found.maps
     checked, confidence = None, dict[str, Array]()
     if options.check:
-        checked = check_images(maps_found.usable)
-        confidence = measure_confidence(images, sources, maps, checked.error_px, scene.scale_error)
+        checked, right = check_images(maps_found.usable)
+        if not unconfirmed_lenses(scene.source):
+            errors = checked.error_px, scene.scale_error, right
+            confidence = measure_confidence(images, sources, maps, *errors)
     misfit_px = None if checked is None else checked.error_px
     views, pictures = image_views(images), image_colours(images)
     progress.step("fusing the maps into a cloud")
@@ -210,16 +214,17 @@ def measure_confidence(
     maps: Mapping[str, ViewDepth],
     misfit_px: float | None,
     scale_error: float,
+    right_points: float,
 ) -> dict[str, Array]:
     """Return by camera the probability that depth is right, 0 where it is unknown; not of COLMAP's maps.
 
     `misfit_px` is that of points at rest to the calibration, None = unknown; `scale_error` the relative
-    standard deviation of its scale.
+    standard deviation of its scale; `right_points` the fraction of points at rest whose depth it has right.
     """
     calibrated = {camera: image.calibrated for camera, image in images.items()}
     files = {}
     for camera, support in measure_support(calibrated, sources, maps):
-        known = np.where(maps[camera].depth > 0, support.confidence(misfit_px, scale_error), 0)
+        known = np.where(maps[camera].depth > 0, support.confidence(misfit_px, scale_error, right_points), 0)
         files[camera] = known.astype(np.float16)
     return files
 

@@ -104,6 +104,7 @@ class MultiviewStudy(Score):
     """Depth from all cameras in any condition; synchronized images determine what all conditions share."""
 
     text = read_words(__package__)
+    needs_calibration = True
     Options = Multiview
 
     @classmethod
@@ -171,8 +172,6 @@ class MultiviewStudy(Score):
                 not the one requested.
         """
         self.progress.step("choosing cameras for depth from all cameras")
-        if not self.scene.known_views:
-            raise ValueError("the cameras have no calibration")
         self._choose_cameras(self.context.middle)
         if self.middle_camera not in ("", self.reference):
             raise ValueError(f"its middle camera is {self.reference}, not {self.middle_camera}")

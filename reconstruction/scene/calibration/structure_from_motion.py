@@ -37,6 +37,10 @@ MIN_TO_SEPARATE_LENSES = 3
 """Minimum cameras that determine focal lengths; with two whose axes meet, any focal length fits."""
 GUESS = "a guess from these pictures alone"
 """Text in the source of a calibration that rests on images alone."""
+MAX_LENS_ERROR = 0.02
+"""Maximum relative 95 % error of focal lengths by which depth is judged, which is right within 2 %."""
+UNCONFIRMED = "focal lengths not known well enough"
+"""Text in the source of a calibration whose focal lengths the images do not determine, given or not."""
 GIVE_LENSES = "or give the cameras' horizontal view: reconstruct calibrate SESSION --field-of-view DEG"
 """Hint where no lens was known."""
 FEATURE_BYTES_PER_PIXEL = 220
@@ -218,13 +222,25 @@ def _found(
 
 def _lens_errors_text(errors: Sequence[float], *, held: bool, flat: bool) -> str:
     """Describe the uncertainty of the focal lengths; a bar if the points determine them."""
+    if errors:
+        least, most = (100 * error for error in (min(errors), max(errors)))
+        percent = f"off by up to {least:.1f} to {most:.1f} % (95 %)"
+        sure = max(errors) <= MAX_LENS_ERROR
+        return f", focal lengths {percent}" if sure else f", {UNCONFIRMED}: {percent}"
     if held:
-        return ", focal lengths taken for granted"
-    if flat:
-        return ", focal lengths perhaps far off: these points lie in one plane, or far away"
-    percent = [100 * error for error in errors]
-    off = f"off by up to {min(percent):.1f} to {max(percent):.1f} % (95 %)" if percent else "perhaps far off"
-    return f", focal lengths {off}"
+        return f", {UNCONFIRMED}: these pictures do not confirm the field of view that was given"
+    return f", {UNCONFIRMED}: {'these points lie in one plane, or far away' if flat else 'too few points'}"
+
+
+def unconfirmed_lenses(source: str) -> str:
+    """Return what the source of a calibration says of lenses that no image confirms; empty if none is so."""
+    _, unconfirmed, why = source.partition(UNCONFIRMED)
+    return unconfirmed + why.partition(";")[0]
+
+
+def is_guess(source: str) -> bool:
+    """Return whether the lenses of a calibration with this source rest on no more than points at rest."""
+    return GUESS in source or UNCONFIRMED in source
 
 
 def _shared_pixels(rec: Any) -> list[tuple[Array, Array]]:

@@ -96,7 +96,7 @@ def test_a_camera_without_an_image_is_left_out_and_one_with_few_is_not(tmp_path:
     found = calibrate_from_images(SceneMotion(dataset, 1))
     assert list(found.cameras) == ["a", "b", "late"]
     assert "3 of 4 cameras" in found.source
-    guess = r"a guess from these pictures alone, focal lengths off by up to \d.* to \d.* % \(95 %\)"
+    guess = r"pictures alone, focal lengths not known well enough: off by up to \d.* to \d.* % \(95 %\)"
     assert re.search(f"{guess}; not placed: none$", found.source)
     views_found = calibrated_views(dataset, found)
     # The two that never took a picture at one instant are placed by the third.

@@ -142,3 +142,17 @@ def test_a_given_field_of_view_is_checked_against_what_the_pictures_know(
     for errors, near in (([0.2, 0.2], given), ([0.01, 0.01], {"b": given["b"]}), ([], given)):
         unsure = (calibration, errors)
         assert structure_from_motion._contradicting(unsure, near).source == "COLMAP"
+
+
+def test_only_lenses_with_an_error_are_confirmed() -> None:
+    for held, flat in ((True, False), (False, True), (False, False)):
+        source = "COLMAP 4" + structure_from_motion._lens_errors_text([], held=held, flat=flat)
+        assert structure_from_motion.unconfirmed_lenses(f"{source}; not placed: c") in source
+        assert structure_from_motion.is_guess(source)
+    known = structure_from_motion._lens_errors_text([0.01, 0.02], held=False, flat=False)
+    assert "1.0 to 2.0 %" in known
+    # A sample by such lenses: "no clear difference" of 96 against 2 %.
+    wide = structure_from_motion._lens_errors_text([0.028, 0.032], held=False, flat=False)
+    assert structure_from_motion.unconfirmed_lenses(wide).endswith("enough: off by up to 2.8 to 3.2 % (95 %)")
+    assert not structure_from_motion.unconfirmed_lenses(known)
+    assert not structure_from_motion.is_guess(known)

@@ -104,7 +104,8 @@ def verdict(result: CompareResult) -> str:
         recorded=next((text for text in recorded if text is not None), None),
         clear=list(filter(None, clear)),
         is_measured=any(found.measures for _, found in reported(result)),
-        lenses=unconfirmed_lenses(result.calibration),
+        # Roughly known lenses may hide a difference, but make none.
+        lenses=unconfirmed_lenses(result.calibration, rough=not any(clear)),
         late=late_text(result),
         rig=rig_sentence(result.rig_timing, result.timing) if result.rig_timing is not None else "",
         guess=guess + errors,

@@ -37,8 +37,10 @@ MIN_TO_SEPARATE_LENSES = 3
 """Minimum cameras that determine focal lengths; with two whose axes meet, any focal length fits."""
 GUESS = "a guess from these pictures alone"
 """Text in the source of a calibration that rests on images alone."""
-MAX_LENS_ERROR = 0.02
-"""Maximum relative 95 % error of focal lengths by which depth is judged, which is right within 2 %."""
+SURE_LENSES, ROUGH_LENSES = 0.02, 0.1
+"""Maximum relative 95 % errors of focal lengths by which depth can be said to be no better, as it is right
+within 2 %, and by which it can be judged at all."""
+ROUGH = "focal lengths known roughly"
 UNCONFIRMED = "focal lengths not known well enough"
 """Text in the source of a calibration whose focal lengths the images do not determine, given or not."""
 GIVE_LENSES = "or give the cameras' horizontal view: reconstruct calibrate SESSION --field-of-view DEG"
@@ -225,17 +227,22 @@ def _lens_errors_text(errors: Sequence[float], *, held: bool, flat: bool) -> str
     if errors:
         least, most = (100 * error for error in (min(errors), max(errors)))
         percent = f"off by up to {least:.1f} to {most:.1f} % (95 %)"
-        sure = max(errors) <= MAX_LENS_ERROR
-        return f", focal lengths {percent}" if sure else f", {UNCONFIRMED}: {percent}"
+        if max(errors) <= SURE_LENSES:
+            return f", focal lengths {percent}"
+        return f", {ROUGH if max(errors) <= ROUGH_LENSES else UNCONFIRMED}: {percent}"
     if held:
         return f", {UNCONFIRMED}: these pictures do not confirm the field of view that was given"
     return f", {UNCONFIRMED}: {'these points lie in one plane, or far away' if flat else 'too few points'}"
 
 
-def unconfirmed_lenses(source: str) -> str:
-    """Return what the source of a calibration says of lenses that no image confirms; empty if none is so."""
-    _, unconfirmed, why = source.partition(UNCONFIRMED)
-    return unconfirmed + why.partition(";")[0]
+def unconfirmed_lenses(source: str, *, rough: bool = False) -> str:
+    """Return what the source of a calibration says of lenses that no image confirms; empty if none is so.
+
+    `rough`: also of lenses that are known roughly.
+    """
+    doubt = ROUGH if rough and ROUGH in source else UNCONFIRMED
+    _, doubt, why = source.partition(doubt)
+    return doubt + why.partition(";")[0]
 
 
 def is_guess(source: str) -> bool:

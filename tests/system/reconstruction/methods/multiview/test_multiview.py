@@ -2,19 +2,24 @@
 
 import json
 import os
+import shutil
 from pathlib import Path
 
 import cv2
+import msgspec
 import numpy as np
 import pytest
 
 from capture_app.console.terminal import Progress
+from capture_app.session.format.manifest import CALIBRATION
 from capture_app.session.reading.reader import Session
 from reconstruction.cli import run
 from reconstruction.methods.multiview.colmap_workspace import (
     ENVIRONMENT,
 )
 from reconstruction.methods.multiview.multiview_method import Multiview
+from reconstruction.scene.calibration.stored import write_calibration
+from reconstruction.scene.calibration.structure_from_motion import UNCONFIRMED
 from tests.unit.reconstruction.conftest import Reconstruct
 from tests.unit.reconstruction.methods.multiview.conftest import VIEWS
 from tests.unit.reconstruction.methods.multiview.test_multiview import fake
@@ -144,3 +149,18 @@ def test_patchmatch_runs_on_the_gpu_when_asked_for_and_auto_is_the_sweep(
     assert farthest > 3.9
     assert result["within_2pct"] > 0.99
     assert result["fused_points"] > 5000
+
+
+def test_lenses_that_no_image_confirms_give_depth_no_confidence(
+    trio: Session, tmp_path: Path, reconstruct: Reconstruct
+) -> None:
+    known, session = trio.calibration(), tmp_path / "session"
+    assert known is not None
+    shutil.copytree(trio.folder, session)
+    source = f"COLMAP, {UNCONFIRMED}: these points lie in one plane"
+    write_calibration(session / CALIBRATION, msgspec.structs.replace(known, source=source))
+    done = reconstruct("multiview", session, "--quick", "--out", tmp_path / "out")
+    assert f"warning: this depth is not a measurement: {UNCONFIRMED}: these points" in done.out
+    assert "are expected within" not in done.out
+    result = json.loads((tmp_path / "out" / "multiview.json").read_bytes())
+    assert result["expected_within_2pct"] is None

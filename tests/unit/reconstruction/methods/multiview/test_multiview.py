@@ -1,17 +1,14 @@
 """`reconstruct multiview`: its files, its figures, and its lines about what it cannot use."""
 
-import json
 import shutil
 import stat
 import sys
 from pathlib import Path
 
-import msgspec
 import numpy as np
 import pytest
 
 from capture_app.common.errors import BadInputError, NotApplicableError, NotAvailableError, SimulshotError
-from capture_app.session.format.manifest import CALIBRATION
 from capture_app.session.reading.reader import Session
 from reconstruction.common.geometry import resize_view
 from reconstruction.method.truth import depth_shares
@@ -29,8 +26,6 @@ from reconstruction.methods.multiview.input_images import undistort_image, undis
 from reconstruction.methods.multiview.instant_model import MadeMultiview
 from reconstruction.methods.multiview.multiview_method import Multiview
 from reconstruction.methods.multiview.sweep_matcher import ViewDepth
-from reconstruction.scene.calibration.stored import write_calibration
-from reconstruction.scene.calibration.structure_from_motion import UNCONFIRMED
 from reconstruction.scene.dataset import Dataset
 from tests.unit.reconstruction.conftest import Reconstruct, Scene, make_view, write_session
 from tests.unit.reconstruction.methods.multiview.conftest import VIEWS
@@ -55,21 +50,6 @@ def test_depth_that_colmap_matched_has_no_confidence(tmp_path: Path) -> None:
     assert made.confidence("left") == pytest.approx(0.9)
     with pytest.raises(NotAvailableError, match="the depth of right has no confidence"):
         made.confidence("right")
-
-
-def test_lenses_that_no_image_confirms_give_depth_no_confidence(
-    trio: Session, tmp_path: Path, reconstruct: Reconstruct
-) -> None:
-    known, session = trio.calibration(), tmp_path / "session"
-    assert known is not None
-    shutil.copytree(trio.folder, session)
-    source = f"COLMAP, {UNCONFIRMED}: these points lie in one plane"
-    write_calibration(session / CALIBRATION, msgspec.structs.replace(known, source=source))
-    done = reconstruct("multiview", session, "--quick", "--out", tmp_path / "out")
-    assert f"warning: this depth is not a measurement: {UNCONFIRMED}: these points" in done.out
-    assert "are expected within" not in done.out
-    result = json.loads((tmp_path / "out" / "multiview.json").read_bytes())
-    assert result["expected_within_2pct"] is None
 
 
 def test_what_cannot_be_used_is_one_clear_line(

@@ -151,8 +151,13 @@ def test_only_lenses_with_an_error_are_confirmed() -> None:
         assert structure_from_motion.is_guess(source)
     known = structure_from_motion._lens_errors_text([0.01, 0.02], held=False, flat=False)
     assert "1.0 to 2.0 %" in known
-    # A sample by such lenses: "no clear difference" of 96 against 2 %.
-    wide = structure_from_motion._lens_errors_text([0.028, 0.032], held=False, flat=False)
-    assert structure_from_motion.unconfirmed_lenses(wide).endswith("enough: off by up to 2.8 to 3.2 % (95 %)")
+    roughly = structure_from_motion._lens_errors_text([0.028, 0.032], held=False, flat=False)
+    assert not structure_from_motion.unconfirmed_lenses(roughly)
+    doubt = structure_from_motion.unconfirmed_lenses(roughly, rough=True)
+    assert doubt.endswith("roughly: off by up to 2.8 to 3.2 % (95 %)")
+    wide = structure_from_motion._lens_errors_text([0.05, 0.12], held=False, flat=False)
+    assert structure_from_motion.unconfirmed_lenses(wide).endswith(
+        "enough: off by up to 5.0 to 12.0 % (95 %)"
+    )
     assert not structure_from_motion.unconfirmed_lenses(known)
     assert not structure_from_motion.is_guess(known)

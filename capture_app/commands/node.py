@@ -65,9 +65,9 @@ from capture_app.console.usage import examples
     help="Memory limit of the ring buffer, and again of frames not yet on disk.",
 )
 @click.option(
-    "--let-drift",
+    "--hold-phase",
     is_flag=True,
-    help="Let the camera drift in recordings. Use it if no frame may be longer than the others.",
+    help="Keep the camera in phase in recordings, by longer frames: an instant may have no frame then.",
 )
 @click.option(
     "--at-boot/--not-at-boot",
@@ -88,7 +88,7 @@ def node(
     clock_tolerance_us: float | None,
     spool: Path,
     ring_mb: float | None,
-    let_drift: bool,
+    hold_phase: bool,
     at_boot: bool | None,
     yes: bool,
     pin: str | None,
@@ -124,7 +124,7 @@ def node(
             clock_tolerance_ns=None if clock_tolerance_us is None else round(clock_tolerance_us * 1000),
             spool=free_spool(spool, label) if until_eof else spool,
             log=Log(functools.partial(_log_line_of, label), name=label),
-            moves_in_recordings=not let_drift,
+            moves_in_recordings=hold_phase,
             **ring,
         )
         for label, spec in named.items()

@@ -20,7 +20,8 @@ async def watch_coverage(
 ) -> AsyncGenerator[BoardCoverage | LinkLost, None]:
     """Yield the coverage at first and after each change, until it is complete; and each loss of the link.
 
-    The link reconnects by itself, and the count goes on. Raises IncompleteError if the rig has no camera.
+    The link reconnects by itself: then the coverage is yielded again, and the count goes on. Raises
+    IncompleteError if the rig has no camera.
     """
     sizes = {node.name: (node.camera.width, node.camera.height) for node in rig.nodes if node.camera.width}
     if not sizes:
@@ -31,7 +32,11 @@ async def watch_coverage(
     count, shown = PreviewCount(board, sizes), CoverageCount(board, sizes).coverage()
     await link.want_previews(cameras=None, width=PREVIEW_PX, fps=3.0)
     yield shown
+    is_lost = False
     async for update in link.updates():
+        was_lost, is_lost = is_lost, isinstance(update, LinkLost)
+        if was_lost and not is_lost:
+            yield shown
         if isinstance(update, LinkLost):
             yield update
         elif isinstance(update, Preview) and update.camera in sizes:

@@ -232,8 +232,6 @@ class BurstSession:
             )
             awaits = f"{arriving} arriving" if arriving else "waiting for images that its nodes still have"
             message = message or awaits
-        # Nobody orders the rest of a recording without an end of an earlier run.
-        is_cut_off = not self._is_of_this_run and is_open_ended(self.burst.frames, self.burst.step_ns)
         if not self._is_of_this_run:
             whose = f"{self._writer.name} of an earlier run: {received} of {expected} images"
             message = ("; " if done else ", ").join(filter(None, (whose, message)))
@@ -249,7 +247,7 @@ class BurstSession:
             message="; ".join(filter(None, (without, message))),
             transfer=transfer,
             recording=self.burst.video,
-            ended=self.burst.video and (done or is_cut_off or self._now_ns > self._ends_ns),
+            ended=self.burst.video and (done or self._is_cut_off or self._now_ns > self._ends_ns),
             skipped=self._choice.skipped(self._reported_plans),
         )
 
@@ -364,6 +362,8 @@ class BurstSession:
                     await self._save_plan(self._choice.requested)
         except DiskError as error:
             self.trouble = str(error)
+            if isinstance(error, DiskFullError) and self.burst.streamed:
+                self._note_disk_error(error)
             raise
         self.trouble = ""
         if not await has_come(self._choice.committed, wait_s):
@@ -601,6 +601,11 @@ class BurstSession:
         )
 
     @property
+    def _is_cut_off(self) -> bool:
+        """Whether it is a recording without an end that an earlier run of the leader left."""
+        return not self._is_of_this_run and is_open_ended(self.burst.frames, self.burst.step_ns)
+
+    @property
     def _awaited(self) -> list[CameraDelivery]:
         """Silent or restarted cameras of a streamed burst, for which it stays open until its end.
 
@@ -611,7 +616,9 @@ class BurstSession:
         # One that was finished before is only opened for what its cameras bring.
         if not self.burst.streamed or self.session is not None or self.is_closing:
             return []
-        awaited = [of for of in deliveries if of.silent or of.has_left_off(self.burst.frames)]
+        # Nobody orders the rest of a recording that was cut off.
+        left_off = [of for of in deliveries if of.has_left_off(self.burst.frames) and not self._is_cut_off]
+        awaited = [of for of in deliveries if of.silent or of in left_off]
         if not awaited or not all(of.is_complete(self._choice) for of in deliveries):
             return []
         until_ns = self._ends_ns

@@ -186,7 +186,7 @@ class NodeOptions(EndpointOptions):
     """Maximum age of frames stored for bursts in the past."""
     ring_bytes: int = RING_BYTES
     """Maximum memory for stored frames, and again for frames that are not on a disk yet."""
-    moves_in_recordings: bool = True
+    moves_in_recordings: bool = False
     """Whether a recorded stream that drifts is brought back by one longer frame."""
     spool: Path | None = None
     """Folder for the images that the leader does not have yet; without one they stay in memory."""

@@ -85,6 +85,7 @@ class Sender:
         """
         self._channel, self._changed, self._log = channel, changed, log
         self._bursts, self.roots, self._retry_s = bursts, roots, retry_s
+        self._said = ""
         self._in_flight: deque[tuple[Upload, ImageBatch]] = deque()
         """Batches that are not acknowledged."""
         self._answer: asyncio.Task[FromLeader] | None = None
@@ -142,8 +143,10 @@ class Sender:
                 burst, refusal = refused
                 if not refusal.retry:
                     return burst, refusal
-                if not burst.attempts:
-                    self._log.say(f"images of burst {burst.report.burst} wait: {refusal.as_error()}")
+                why = f"images of burst {burst.report.burst} wait: {refusal.as_error()}"
+                if not burst.attempts and why != self._said:
+                    self._said = why
+                    self._log.say(why)
                 delay_s = self._retry_s[min(burst.attempts, len(self._retry_s) - 1)]
                 burst.put_off(now() + max(ASK_AGAIN_S, delay_s))
 

@@ -4,10 +4,9 @@ import asyncio
 import math
 from collections import Counter
 from collections.abc import AsyncGenerator, Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 
-from capture_app.common.camera_facts import SIMULATED, CameraFacts, PhaseControl, unmeasured_stamps
+from capture_app.common.camera_facts import SIMULATED, CameraFacts, unmeasured_stamps
 from capture_app.common.clock import NodeClock
 from capture_app.common.errors import DiskFullError, IncompleteError
 from capture_app.common.node_state import NodeState
@@ -57,18 +56,15 @@ def degraded_nodes(members: Sequence[Member]) -> str:
 def drift_apart(grid: FrameGrid, members: Sequence[Member], begins_ns: int, lasts_ns: int) -> str:
     """Return how far cameras will drift apart in a recording, if farther than they tolerate; else empty.
 
-    It begins at `begins_ns` of leader time. Streams that can only be restarted are not moved meanwhile.
+    It begins at `begins_ns` of leader time. No stream is moved while frames of a burst are selected.
     """
-    phases = [
-        replace(phase, drift_ppm=0.0) if phase.phase_control is PhaseControl.INJECTION else phase
-        for phase in camera_phases(members)
-    ]
+    phases = camera_phases(members)
     spread_ns = peak_to_peak_ns(grid, phases, begins_ns + lasts_ns)
     if spread_ns <= 2 * max((phase.tolerance_ns for phase in phases), default=0):
         return ""
     return (
         f"the cameras will drift apart by {duration(spread_ns)} within {duration(lasts_ns)}:"
-        " some can only be restarted, which is not done during a recording"
+        " their phases are not corrected during a recording"
     )
 
 

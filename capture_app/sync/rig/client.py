@@ -74,7 +74,7 @@ class ClientConfig:
     """Measured delays from start command to first frame of this camera, newest last."""
     clock_tolerance_ns: int | None = None
     """Requested accuracy of the clock; None for what the link can bear, at least the phase's tolerance."""
-    moves_in_recordings: bool = True
+    moves_in_recordings: bool = False
     """Whether a recorded stream that drifts is brought back by one longer frame."""
 
     @property

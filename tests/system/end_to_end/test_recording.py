@@ -120,7 +120,7 @@ async def test_a_recording_that_a_full_disk_ended_is_whole_at_the_leaders_next_s
 ) -> None:
     with mounted(tmp_path / "sessions", "-o", "size=64m") as disk:
         leader, address = await rig_of_two(start, tmp_path)
-        running = await start("record", "--leader", address, "--json")
+        running = await start("record", "--leader", address, "--seconds", "10", "--json")
         await running.says("images")
         lines = disk / "recording-001/videos/rig1/b.frames.ndjson"
         await until(lambda: lines.is_file() and lines.stat().st_size > 5_000, seconds=SLOW_PATIENCE_S)

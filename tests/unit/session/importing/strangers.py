@@ -299,7 +299,7 @@ FOLDERS = {
         images=tuple(f"{side}_{n:04}.jpg" for side in ("L", "R") for n in range(5)),
         sound=False,
         sessions=(),
-        said="mv L*.jpg L/",
+        said="images of L, R have no times (add their rate, --fps",
     ),
     "nothing that was filmed": Folder({}, others={"notes.txt": "shot 1"}, sessions=(), said="no "),
 }

@@ -211,7 +211,7 @@ FAULTS: dict[str, Fault] = {
         "            absent=self._lost_cameras() | without,",
         "            absent=without,",
         _befalls((*_ENDS, "cut", "freeze"), "cam", "relay"),
-        seed=2,
+        seed=6,
     ),
     "words": Fault(
         "the operator's words leave out missing images",

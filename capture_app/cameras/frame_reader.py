@@ -53,15 +53,15 @@ class FrameReader(Generic[F]):
     def _run(self) -> None:
         raise_priority()
         error = None
-        # The loop may be closed, when the process ends.
-        with suppress(RuntimeError):
-            while error is None and not self._stopped.wait(self._pace_s):
-                if len(self._waiting) < self._max_waiting:
-                    try:
-                        self._waiting.extend(self._read())
-                    except OSError as raised:
-                        error = raised
-                if self._waiting or error:
+        while error is None and not self._stopped.wait(self._pace_s):
+            if len(self._waiting) < self._max_waiting:
+                try:
+                    self._waiting.extend(self._read())
+                except OSError as raised:
+                    error = raised
+            if self._waiting or error:
+                # The loop may be closed, when the process ends.
+                with suppress(RuntimeError):
                     self._loop.call_soon_threadsafe(self._hand_over, error)
 
     def _hand_over(self, error: OSError | None) -> None:

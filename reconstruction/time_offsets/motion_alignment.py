@@ -85,12 +85,12 @@ def rough_offsets_ms(first: Activity, second: Activity, period_ms: float) -> Seq
 
 
 def repeats_after_ms(activity: Activity, period_ms: float) -> float | None:
-    """Return the time after which the motion repeats, ms; None if it does not."""
+    """Return the time after which the motion of MIN_IMAGES or more repeats, ms; None if it does not."""
     a = _evenly(activity, period_ms / STEPS)
     again = np.array([_correlation(a, a, lag)[0] for lag in range(2 * len(a) // 3)])
     # From where it differs most from itself: a slow motion is like itself for a while.
-    start = int(again.argmin()) if len(again) else 0
-    best = start + int(again[start:].argmax()) if len(again) else 0
+    start = int(again.argmin())
+    best = start + int(again[start:].argmax())
     return best * period_ms / STEPS if start and again[best] > REPEATS else None
 
 

@@ -10,7 +10,7 @@ from unittest.mock import patch
 import cv2
 import numpy as np
 
-from benchmarks.reconstruction import blank_scenes
+from benchmarks.reconstruction import blank_scenes, thin_scenes
 from benchmarks.report import talk
 from capture_app.plugins.cameras.sim.rendering import scene as rendering
 from capture_app.plugins.cameras.sim.scenes.stages import DEFINITIONS, SceneDefinition
@@ -27,6 +27,8 @@ NOISE_MEANS = 12
 """Number of exposures whose mean is the true picture."""
 EXPOSURE_NS, ROW_TIME_NS = 4_000_000, 12_300
 JPEG_QUALITY = 90
+THIN_PX = 3, 4
+"""Thickness of the rods."""
 Place = tuple[tuple[float, float, float], tuple[float, float, float]]
 """Position of a camera and the point that it looks at, m."""
 JUMPER: Mapping[str, Place] = {
@@ -52,20 +54,25 @@ SHOTS = {
     "pinwheel": Shot("pinwheel", ("cam00", "cam01", "cam02", "cam03", "cam04"), 0),
     "blank room": Shot("blank-room", tuple(blank_scenes.ROOM_CAMERAS), 620_000_000),
     "blank attic": Shot("blank-attic", tuple(blank_scenes.ATTIC_CAMERAS), 400_000_000),
+    **{f"rods {px}": Shot(f"rods-{px}", tuple(blank_scenes.ROOM_CAMERAS), 400_000_000) for px in THIN_PX},
 }
 SCENES: Mapping[str, SceneDefinition] = {
     **DEFINITIONS,
     "blank-room": blank_scenes.ROOM,
     "blank-attic": blank_scenes.ATTIC,
+    **{f"rods-{px}": thin_scenes.rods(px) for px in (0, *THIN_PX)},
 }
 
 
 class Held(NamedTuple):
-    """A held-out view, its true picture, and where something moves (bool)."""
+    """A held-out view, its true picture, where something moves (bool), and true depth, m."""
 
     view: View
     picture: Array
     moving: Array
+    depth: Array
+    without: Array | None = None
+    """The true picture without rods, of a scene with rods."""
 
 
 def places(shot: str) -> Mapping[str, Place]:
@@ -126,7 +133,12 @@ def take(shot: str, seed: int, folder: Path) -> Session:
 def true_views(shot: str, names: Collection[str] = ()) -> dict[str, Held]:
     """Render the held-out views of a shot: all, or those named."""
     held = {name: place for name, place in places(shot).items() if not names or name in names}
-    return render_places(SHOTS[shot].scene, held, (_start_ns(shot), EXPOSURE_NS, ROW_TIME_NS))
+    shutter = _start_ns(shot), EXPOSURE_NS, ROW_TIME_NS
+    found = render_places(SHOTS[shot].scene, held, shutter)
+    if "rods" in shot:
+        without = render_places("rods-0", held, shutter)
+        found = {name: one._replace(without=without[name].picture) for name, one in found.items()}
+    return found
 
 
 def render_places(
@@ -145,7 +157,7 @@ def render_places(
         talk(f"rendering {name}")
         with patch.object(rendering, "develop", mean):
             picture = scene.render(name, *shutter, seed=1)
-        _, _, moving = scene.ground_truth(name, *shutter)
+        depth, _, moving = scene.ground_truth(name, *shutter)
         camera = scene.views[name].calibration()
-        found[name] = Held(View.from_calibration(camera, camera.width, camera.height), picture, moving)
+        found[name] = Held(View.from_calibration(camera, camera.width, camera.height), picture, moving, depth)
     return found

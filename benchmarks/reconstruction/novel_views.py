@@ -1,7 +1,8 @@
 """Views of a moment from places without a camera, beside the true picture.
 
-    python -m benchmarks.reconstruction.novel_views            six held-out views of four scenes
+    python -m benchmarks.reconstruction.novel_views            six held-out views of all scenes
     python -m benchmarks.reconstruction.novel_views jumper --seeds 5 --splats
+    python -m benchmarks.reconstruction.novel_views "rods 4" "rods 3"     how many of seven rods are seen
 
 A scene is rendered from its five cameras, with the noise of each seed, and from places between them, beyond
 and above them, with little noise. Methods: the nearest camera's picture, turned and zoomed as a whole about
@@ -21,6 +22,7 @@ import cv2
 import numpy as np
 
 from benchmarks.reconstruction.novel_view_scenes import SHOTS, Held, take, true_views
+from benchmarks.reconstruction.thin_scenes import count_rods
 from benchmarks.report import new_parser, print_report, print_rows, talk
 from capture_app.session.files.untrusted_files import read_arrays
 from reconstruction import Multiview, open_session
@@ -136,7 +138,8 @@ def measure(
             quality = {"psnr": psnr(drawn, one.picture), "ssim": ssim(drawn, one.picture)}
             moves = psnr(drawn, one.picture, moving) if moving.any() else None
             about = {"shot": shot, "seed": seed, "view": name, "method": method}
-            rows.append({**about, **quality, "moving_psnr": moves, "seconds": own_s})
+            seen = None if one.without is None else count_rods(drawn, one.picture, one.without, one.depth)
+            rows.append({**about, **quality, "moving_psnr": moves, "seconds": own_s, "rods": seen})
     return rows
 
 
@@ -144,7 +147,7 @@ def _save(folder: Path, name: str, picture: Array) -> None:
     cv2.imwrite(str(folder / f"{name}.png".replace(" ", "_")), picture)
 
 
-KINDS = ("psnr", "ssim", "moving_psnr", "seconds")
+KINDS = ("psnr", "ssim", "moving_psnr", "seconds", "rods")
 
 
 def summary(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
@@ -195,6 +198,7 @@ def main() -> None:
         "ssim": ("SSIM", ".3f"),
         "moving_psnr": ("PSNR of what moves", ".2f"),
         "seconds": ("CPU-s", ".2f"),
+        "rods": ("rods seen", ".1f"),
     }
     report = {"rows": rows, "means": summary(rows)}
     print_report(report, lambda report: print_rows(report["means"], columns), as_json=options.json)

@@ -274,6 +274,7 @@ def sharpen_by_arrays(surface: Surface, source_views: Sequence[SourceView], wher
     nearer = (where & (surface.cost < MAX_COST))[pixels] & (2 * level[pixels] > near + far[0])
     pixels, between = tuple(axis[nearer] for axis in pixels), (near + far[0])[nearer] / 2
     farther, nearby, gained = sides_of(level, gain, source_views[0].reference.coloured, pixels, between)
+    gained = gained + np.minimum(gain[pixels], 0)
     moved = np.log((farther + FEW) / (nearby + FEW)) + GAIN_WEIGHT * gained > -FAR_PRIOR
     found = np.stack(surface)
     found[:3, pixels[0][moved], pixels[1][moved]] = far[:, nearer][:, moved]

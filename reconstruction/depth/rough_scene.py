@@ -14,7 +14,14 @@ from reconstruction.depth.geometric_consistency import (
     remove_speckles,
 )
 from reconstruction.depth.plane_sweep import PlaneSweep, Surface, motion_px
-from reconstruction.depth.view_choice import MIN_SCORE, ViewOverlap, find_overlaps, refuse_views, seen_points
+from reconstruction.depth.view_choice import (
+    MIN_SCORE,
+    ViewOverlap,
+    choose_reference_view,
+    find_overlaps,
+    refuse_views,
+    seen_points,
+)
 
 WIDTH_PX = 176
 LEVELS = (48, 192)
@@ -25,6 +32,14 @@ MAX_COST = 0.35
 POINTS_PER_VIEW = 400
 RELATIVE_DEPTH = 0.06
 """Maximum relative depth difference between small images that agree."""
+THIN_WIDTH_PX, THIN_WINDOW = 320, 3
+"""Width of the image that shows things too thin for smaller ones, and the side of its windows, px."""
+NEARER = 1.6
+"""How much nearer such things are looked for, relative to the nearest depth found before."""
+MAX_THIN_COST, MIN_THIN_ISLAND_PX, MIN_THIN_PX = 0.2, 20, 40
+"""Maximum cost of their pixels, minimum size of their islands, and minimum number of all their pixels."""
+THIN_PERCENTILE = 75
+"""Percentile of their inverse depths up to which they count; nearer ones may be chance."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,6 +81,9 @@ def find_rough_scene(images: Mapping[str, CalibratedImage]) -> RoughScene:
     if not points:
         raise _nothing_in_common(views, neighbours)
     depth_ranges = {name: _depth_range(views[name], own_points) for name, own_points in points.items()}
+    middle = choose_reference_view({name: views[name] for name in points}, points)
+    thin = _thin_points(images[middle], [images[other] for other in neighbours[middle]], depth_ranges[middle])
+    depth_ranges = {name: _extended(span, views[name], thin) for name, span in depth_ranges.items()}
     return RoughScene(points, depth_ranges)
 
 
@@ -113,6 +131,28 @@ def _depth_range(view: View, points: Array) -> tuple[float, float]:
     low, high = (float(v) for v in np.percentile(values, [0.5, 99.5]))
     margin = 0.15 * (high - low) + 0.05 * high
     return 1 / (high + margin), 1 / max(low - margin, 0.5 * low)
+
+
+def _thin_points(
+    image: CalibratedImage, others: Sequence[CalibratedImage], depth_range: tuple[float, float]
+) -> Array:
+    """Return points (n, 3) of things nearer than a view's range that are too thin for the small images."""
+    reference, *sources = (one.scaled(min(1.0, THIN_WIDTH_PX / one.view.width)) for one in (image, *others))
+    source_views = [SourceView(reference, source) for source in sources]
+    levels = _levels(source_views, [(1 / depth_range[1], NEARER / depth_range[0])])
+    level, _, _, cost = PlaneSweep(window=THIN_WINDOW).sweep_once(reference, source_views, levels)
+    thin = remove_speckles((level * depth_range[0] > 1) & (cost < MAX_THIN_COST), level, MIN_THIN_ISLAND_PX)
+    if thin.sum() < MIN_THIN_PX:
+        return np.empty((0, 3))
+    rows, columns = np.nonzero(thin & (level <= np.percentile(level[thin], THIN_PERCENTILE)))
+    return reference.view.unproject(np.column_stack([columns, rows]).astype(float), 1 / level[rows, columns])
+
+
+def _extended(depth_range: tuple[float, float], view: View, thin: Array) -> tuple[float, float]:
+    """Return a view's range of depth that also contains thin things (n, 3) in its image, with a margin."""
+    seen = thin[seen_points(view, view, thin)[0]] @ view.rotation.T + view.translation
+    nearest = min(depth_range[0], float(seen[:, 2].min(initial=np.inf)) / 1.05)
+    return max(nearest, depth_range[0] / NEARER), depth_range[1]
 
 
 def _nothing_in_common(

@@ -62,6 +62,8 @@ UNSEEN_PX, PAIR_UNSEEN_PX = 0.1, 0.3
 two cameras, where a turn sideways of one shifts all disparities."""
 ASKEW = 1.5
 """Standard deviation of matches, px, by the square of the misfit: windows beside epipolar lines differ."""
+TURN_PX = 1.0
+"""Turn sideways that two cameras do not show, up to which the range of their confidence goes."""
 FREEDOM = 0.5
 """Degrees of freedom of the misfit, for each camera after the first."""
 
@@ -87,6 +89,11 @@ class DepthSupport(NamedTuple):
         return np.asarray(
             right * self.measurable(misfit_px, scale_error).clip(max=max_measurable), np.float32
         )
+
+    def confidence_if_turned(self, misfit_px: float | None, scale_error: float = 0.0) -> tuple[Array, Array]:
+        """Return the confidence if a camera is turned sideways by `TURN_PX`, unseen by two, and if not."""
+        exact = self._replace(cameras=3).confidence(misfit_px, scale_error)
+        return exact * (self.worth_px > TURN_PX), exact
 
     def measurable(self, misfit_px: float | None, scale_error: float = 0.0) -> Array:
         """Return the probability that a right match gives a right depth: that of an error within `worth_px`.

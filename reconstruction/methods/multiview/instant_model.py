@@ -125,12 +125,13 @@ def model_instant(
         on_pair=partial(_show_pair, early) if early is not None else None,
     )
     images, sources, rough, maps = maps_found.images, maps_found.sources, maps_found.rough, maps_found.maps
-    checked, confidence = None, dict[str, Array]()
+    checked, confidence, expected_range = None, dict[str, Array](), None
     if options.check:
         checked, right = check_images(maps_found.usable)
         if not unconfirmed_lenses(scene.source):
             errors = checked.error_px, scene.scale_error, right
-            confidence = measure_confidence(images, sources, maps, *errors)
+            confidence, expected = measure_confidence(images, sources, maps, *errors)
+            expected_range = expected.get(maps_found.reference)
     misfit_px = None if checked is None else checked.error_px
     views, pictures = image_views(images), image_colours(images)
     progress.step("fusing the maps into a cloud")
@@ -169,6 +170,7 @@ def model_instant(
         unit=scene.unit,
         reference=reference,
         **{name: getattr(own, name) for name in FIGURES},
+        expected_range=expected_range,
         rest_error_px=None if misfit_px is None else round(misfit_px, 3),
         rest_points=0 if checked is None else checked.points,
         turn_error=turn_error(views[reference], others[0], depth) if len(others) == 1 else None,
@@ -215,18 +217,24 @@ def measure_confidence(
     misfit_px: float | None,
     scale_error: float,
     right_points: float,
-) -> dict[str, Array]:
+) -> tuple[dict[str, Array], dict[str, tuple[float, float]]]:
     """Return by camera the probability that depth is right, 0 where it is unknown; not of COLMAP's maps.
+
+    The second value is the range of its mean, by camera, of two cameras.
 
     `misfit_px` is that of points at rest to the calibration, None = unknown; `scale_error` the relative
     standard deviation of its scale; `right_points` the fraction of points at rest whose depth it has right.
     """
     calibrated = {camera: image.calibrated for camera, image in images.items()}
-    files = {}
+    files, ranges = {}, {}
     for camera, support in measure_support(calibrated, sources, maps):
-        known = np.where(maps[camera].depth > 0, support.confidence(misfit_px, scale_error, right_points), 0)
-        files[camera] = known.astype(np.float16)
-    return files
+        known = maps[camera].depth > 0
+        sure = support.confidence(misfit_px, scale_error, right_points)
+        files[camera] = np.where(known, sure, 0).astype(np.float16)
+        if support.cameras == 2:
+            low, high = support.confidence_if_turned(misfit_px, scale_error)
+            ranges[camera] = round(float((low * known).mean()), 4), round(float((high * known).mean()), 4)
+    return files, ranges
 
 
 def write_view(

@@ -76,6 +76,8 @@ class MultiviewResult(Provenance, frozen=True, kw_only=True):
     """Camera in the middle of the rig, whose image overlaps most with the others."""
     coverage: float
     expected_within_2pct: float | None = None
+    expected_range: tuple[float, float] | None = None
+    """Of two cameras, that fraction if one is turned sideways by 1 px, which they do not show, and if not."""
     within_2pct: float | None = None
     mover_within_2pct: float | None = None
     static_within_2pct: float | None = None
@@ -106,7 +108,8 @@ class MultiviewResult(Provenance, frozen=True, kw_only=True):
         """What the depth rests on, in words: the fit of points at rest, the scale, and what that means."""
         if lenses := unconfirmed_lenses(self.calibration):
             return f"warning: this depth is not a measurement: {lenses}; calibrate with a board"
-        fit = describe_misfit(self.rest_error_px, self.rest_points, expected=self.expected_within_2pct)
+        expected = self.expected_range or self.expected_within_2pct
+        fit = describe_misfit(self.rest_error_px, self.rest_points, expected=expected)
         if self.turn_error is not None:
             fit = f"{fit}; {describe_turn(self.turn_error)}"
         if self.scale_error < UNCERTAIN_SCALE:

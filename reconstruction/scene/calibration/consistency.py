@@ -109,11 +109,12 @@ def describe_misfit(
     error_px: float | None,
     points: int,
     remedy: str = "calibrate the rig again, or try --refine",
-    expected: float | None = None,
+    expected: float | tuple[float, float] | None = None,
 ) -> str:
     """Describe how well points at rest fit the calibration that depth rests on.
 
-    `expected`: fraction of the pixels that are probably right; None = unknown, then of a simulated rig.
+    `expected`: fraction of the pixels that are probably right, or its range by a turn that two
+    cameras do not show; None = unknown, then of a simulated rig.
     """
     return render_sentences(
         "misfit.txt",

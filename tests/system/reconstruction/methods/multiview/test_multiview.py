@@ -151,6 +151,20 @@ def test_patchmatch_runs_on_the_gpu_when_asked_for_and_auto_is_the_sweep(
     assert result["fused_points"] > 5000
 
 
+def test_two_cameras_say_which_range_of_pixels_is_right(
+    trio: Session, tmp_path: Path, reconstruct: Reconstruct
+) -> None:
+    known = trio.calibration()
+    assert known is not None
+    third = [*known.cameras][2]
+    done = reconstruct("multiview", trio.folder, "--without", third, "--quick", "--out", tmp_path / "out")
+    result = json.loads((tmp_path / "out" / "multiview.json").read_bytes())
+    low, high = result["expected_range"]
+    assert low < result["expected_within_2pct"] < high
+    assert low <= result["within_2pct"] <= high + 0.12
+    assert f"{100 * low:.0f} to {100 * high:.0f} % of the pixels are expected within 2 %" in done.out
+
+
 def test_lenses_that_no_image_confirms_give_depth_no_confidence(
     trio: Session, tmp_path: Path, reconstruct: Reconstruct
 ) -> None:

@@ -196,4 +196,7 @@ def test_two_cameras_are_never_surer_than_an_unseen_turn_allows() -> None:
     two, three = (DepthSupport(np.full(4, 1.5), worth_px, cameras).measurable(0.05) for cameras in (2, 3))
     assert two[:3] == pytest.approx([0.57, 0.88, 0.998], abs=0.02)
     assert (two[:3] < three[:3]).all()
+    low, high = DepthSupport(np.full(4, 1.5), worth_px, 2).confidence_if_turned(0.05)
+    assert low.tolist() == [0, 0, 0, high[3]]
+    assert high == pytest.approx(0.99 * three)
     assert two[3] > 0.999

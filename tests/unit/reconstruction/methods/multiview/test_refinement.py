@@ -157,6 +157,12 @@ def test_a_measured_expectation_stands_in_place_of_the_simulated_rigs() -> None:
     assert "in the mean of rigs with such a misfit" in describe_misfit(0.71, 1200, expected=0.4)
 
 
+def test_two_cameras_say_a_range_instead_of_a_mean() -> None:
+    assert describe_misfit(0.05, 1200, expected=(0.021, 0.803)).endswith(
+        "2 to 80 % of the pixels are expected within 2 % of the true depth, by how far a camera is turned"
+    )
+
+
 def test_matches_for_which_opencv_fails_an_assertion_fit_no_geometry(monkeypatch: pytest.MonkeyPatch) -> None:
     def fails(*_given: object) -> None:
         raise cv2.error("Assertion failed: !model.empty() in function 'setModelParameters'")

@@ -51,7 +51,7 @@ from reconstruction.pages.page import Section, render_page, write_page
 from reconstruction.scene.calibration.consistency import turn_error
 from reconstruction.scene.calibration.structure_from_motion import unconfirmed_lenses
 from reconstruction.scene.conditions import Condition
-from reconstruction.scene.dataset import Dataset
+from reconstruction.scene.scene import Scene
 
 FIGURES = ("coverage", "expected_within_2pct", *DepthShares.__struct_fields__)
 """Results of the reference view that represent its instant."""
@@ -144,7 +144,7 @@ def model_instant(
         )
     write_ply(part / FUSED, PointCloud(fused.points, fused.colours), fused.normals)
     scored = tuple(
-        write_view(dataset, images[c], one, confidence.get(c), sources[c], part) for c, one in maps.items()
+        write_view(scene, images[c], one, confidence.get(c), sources[c], part) for c, one in maps.items()
     )
     # Open3D searches the cloud's neighbours, and takes longer to load than all the rest.
     moving_score = None if options.quick else score_moving(dataset, images, scene.unit, instant, fused)
@@ -238,7 +238,7 @@ def measure_confidence(
 
 
 def write_view(
-    dataset: Dataset,
+    scene: Scene,
     image: InputImage,
     found: ViewDepth,
     confidence: Array | None,
@@ -257,8 +257,8 @@ def write_view(
         write_image(part / f"{picture}.png", drawn)
     np.savez(part / f"{name}.npz", **maps)
     shares: dict[str, float | None] = {}
-    truth = undistorted_truth(dataset, image.view, image.camera, image.instant)
-    if truth is not None:
+    truth = undistorted_truth(scene.dataset, image.view, image.camera, image.instant)
+    if truth is not None and scene.unit == "m":
         shares = depth_shares(found.depth, *truth)
     return ViewResult(
         camera=image.camera,

@@ -165,6 +165,21 @@ def test_two_cameras_say_which_range_of_pixels_is_right(
     assert f"{100 * low:.0f} to {100 * high:.0f} % of the pixels are expected within 2 %" in done.out
 
 
+def test_depth_of_unknown_scale_is_not_compared_with_the_truth(
+    trio: Session, tmp_path: Path, reconstruct: Reconstruct
+) -> None:
+    known, session = trio.calibration(), tmp_path / "session"
+    assert known is not None
+    shutil.copytree(trio.folder, session)
+    write_calibration(session / CALIBRATION, msgspec.structs.replace(known, unit="baseline"))
+    done = reconstruct("multiview", session, "--quick", "--out", tmp_path / "out")
+    assert "within 2 % of the true depth" in done.out  # expected, not true
+    assert "of its pixels" not in done.out
+    result = json.loads((tmp_path / "out" / "multiview.json").read_bytes())
+    assert result["within_2pct"] is None
+    assert result["coverage"] > 0.8
+
+
 def test_lenses_that_no_image_confirms_give_depth_no_confidence(
     trio: Session, tmp_path: Path, reconstruct: Reconstruct
 ) -> None:

@@ -78,17 +78,10 @@ class DepthSupport(NamedTuple):
     cameras: int = 2
     """Number of cameras of the rig."""
 
-    def confidence(
-        self, misfit_px: float | None, scale_error: float = 0.0, max_measurable: float = 1.0
-    ) -> Array:
-        """Return the probability that depth is right, 0 to 1, by the calibration's misfit (px) and scale.
-
-        `max_measurable` is the fraction of points at rest whose depth the calibration has right.
-        """
+    def confidence(self, misfit_px: float | None, scale_error: float = 0.0) -> Array:
+        """Return the probability that depth is right, 0 to 1, by the calibration's misfit (px) and scale."""
         right = np.interp(self.evidence, [*RIGHT], [*RIGHT.values()])
-        return np.asarray(
-            right * self.measurable(misfit_px, scale_error).clip(max=max_measurable), np.float32
-        )
+        return np.asarray(right * self.measurable(misfit_px, scale_error), np.float32)
 
     def confidence_if_turned(self, misfit_px: float | None, scale_error: float = 0.0) -> tuple[Array, Array]:
         """Return the confidence if a camera is turned sideways by `TURN_PX`, unseen by two, and if not."""

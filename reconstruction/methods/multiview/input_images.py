@@ -11,7 +11,6 @@ from reconstruction.common.geometry import Array, View, resize_view
 from reconstruction.common.memory import memory_budget
 from reconstruction.common.worker_pool import SWEEP_BYTES, computed_once, max_workers
 from reconstruction.depth.calibrated_image import CalibratedImage, matching_noise
-from reconstruction.methods.multiview.refinement import right_fraction
 from reconstruction.scene.calibration.consistency import CalibrationCheck, check_rig
 from reconstruction.scene.dataset import Dataset
 from reconstruction.scene.moving_pixels import SceneMotion, dilate
@@ -23,8 +22,6 @@ EDGE_PX = 2
 """Distance from pixels outside the original image within which nothing is matched."""
 CHECKED = 960, 800
 """Longer side (px) and number of points of an image by which a calibration is checked."""
-FITTING_PX = 0.25
-"""Misfit up to which points at rest show no error of the poses that is worth a refinement."""
 MIN_CONTRAST = 2.0
 """Standard deviation of grey levels (of 255) below which an image is empty."""
 MAP_BYTES_PER_PIXEL = 60
@@ -112,11 +109,8 @@ def prepare_images(scene: Scene, width_px: int | None = None) -> "InputImages":
     return InputImages(fitted)
 
 
-def check_images(images: Mapping[str, InputImage]) -> tuple[CalibrationCheck, float]:
-    """Check the images' calibration against points at rest in them, of one instant.
-
-    The second value is the fraction of these points whose depth is right by refined poses; 1.0 if they fit.
-    """
+def check_images(images: Mapping[str, InputImage]) -> CalibrationCheck:
+    """Check the images' calibration against points at rest in them, of one instant."""
     views = {camera: image.calibrated.view for camera, image in images.items()}
     features = {}
     for camera, image in images.items():
@@ -126,9 +120,7 @@ def check_images(images: Mapping[str, InputImage]) -> tuple[CalibrationCheck, fl
             *CHECKED,
             allowed=None if moving is None else ~moving,
         )
-    check = check_rig(views, features)
-    misfit_px = check.error_px or 0.0
-    return check, right_fraction(views, features) if misfit_px > FITTING_PX else 1.0
+    return check_rig(views, features)
 
 
 class InputImages:

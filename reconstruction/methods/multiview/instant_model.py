@@ -127,9 +127,9 @@ def model_instant(
     images, sources, rough, maps = maps_found.images, maps_found.sources, maps_found.rough, maps_found.maps
     checked, confidence, expected_range = None, dict[str, Array](), None
     if options.check:
-        checked, right = check_images(maps_found.usable)
+        checked = check_images(maps_found.usable)
         if not unconfirmed_lenses(scene.source):
-            errors = checked.error_px, scene.scale_error, right
+            errors = checked.error_px, scene.scale_error
             confidence, expected = measure_confidence(images, sources, maps, *errors)
             expected_range = expected.get(maps_found.reference)
     misfit_px = None if checked is None else checked.error_px
@@ -216,20 +216,19 @@ def measure_confidence(
     maps: Mapping[str, ViewDepth],
     misfit_px: float | None,
     scale_error: float,
-    right_points: float,
 ) -> tuple[dict[str, Array], dict[str, tuple[float, float]]]:
     """Return by camera the probability that depth is right, 0 where it is unknown; not of COLMAP's maps.
 
     The second value is the range of its mean, by camera, of two cameras.
 
     `misfit_px` is that of points at rest to the calibration, None = unknown; `scale_error` the relative
-    standard deviation of its scale; `right_points` the fraction of points at rest whose depth it has right.
+    standard deviation of its scale.
     """
     calibrated = {camera: image.calibrated for camera, image in images.items()}
     files, ranges = {}, {}
     for camera, support in measure_support(calibrated, sources, maps):
         known = maps[camera].depth > 0
-        sure = support.confidence(misfit_px, scale_error, right_points)
+        sure = support.confidence(misfit_px, scale_error)
         files[camera] = np.where(known, sure, 0).astype(np.float16)
         if support.cameras == 2:
             low, high = support.confidence_if_turned(misfit_px, scale_error)

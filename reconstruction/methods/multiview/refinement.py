@@ -7,11 +7,10 @@ from typing import Any
 import numpy as np
 from msgspec import structs
 
-from capture_app.common.errors import NotApplicableError, NotAvailableError
+from capture_app.common.errors import NotApplicableError
 from reconstruction.common.colmap import build_model, load_pycolmap
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.native_libraries import foreign_calls
-from reconstruction.methods.multiview.confidence import TOLERANCE
 from reconstruction.scene.calibration.consistency import (
     Track,
     check_rig,
@@ -88,24 +87,6 @@ def refine_views(views: Mapping[str, View], features: Mapping[str, Features]) ->
         for name, view in views.items()
     }
     return _in_place(refined, views)
-
-
-def right_fraction(views: Mapping[str, View], features: Mapping[str, Features]) -> float:
-    """Return the fraction of points at rest whose depth is right by poses that are refined by these points.
-
-    1.0 where the poses cannot be refined. A pair's misfit shows errors across epipolar lines only; those
-    along them change depth, and more cameras correct both.
-    """
-    try:
-        refined = refine_views(views, features)
-    except (NotApplicableError, NotAvailableError):
-        return 1.0
-    right = []
-    for track in find_tracks(views, features):
-        points = ((known[next(iter(track))], _point(known, track)) for known in (views, refined))
-        before, after = (point @ view.rotation[2] + view.translation[2] for view, point in points)
-        right.append(abs(before - after) < TOLERANCE * after)
-    return float(np.mean(right))
 
 
 def _is_plausible(views: Mapping[str, View], track: Track) -> bool:

@@ -10,9 +10,9 @@ import pytest
 
 from capture_app.common.errors import NotApplicableError
 from reconstruction.common.geometry import View
-from reconstruction.methods.multiview.confidence import TOLERANCE, DepthSupport
+from reconstruction.methods.multiview.confidence import DepthSupport
 from reconstruction.methods.multiview.multiview_method import Multiview
-from reconstruction.methods.multiview.refinement import estimate_scale_error, refine_views, right_fraction
+from reconstruction.methods.multiview.refinement import estimate_scale_error, refine_views
 from reconstruction.scene.calibration.consistency import (
     check_rig,
     consistent_matches,
@@ -85,18 +85,6 @@ def test_poses_that_are_off_fit_again(px: float) -> None:
     assert depth_error(views, features) > 0.015 * px
     spread = [np.std([view.centre for view in of.values()], axis=0) for of in (views, refined)]
     assert np.linalg.norm(spread[1]) == pytest.approx(np.linalg.norm(spread[0]), rel=1e-6)
-
-
-def test_confidence_falls_with_the_points_that_a_refinement_moves() -> None:
-    features = seen(120)
-    assert right_fraction(VIEWS, features) > 0.95
-    assert right_fraction(VIEWS, {}) == 1.0  # nothing to refine by
-    assert depth_error(spoilt(2.0), features) > TOLERANCE
-    right = right_fraction(spoilt(2.0), features)
-    assert right < 0.6
-    sure = DepthSupport(np.array(1.5), np.array(20.0), 4)
-    assert sure.confidence(0.3) > 0.9
-    assert sure.confidence(0.3, 0.0, right) <= right
 
 
 def test_the_scale_of_refined_poses_is_as_uncertain_as_it_says() -> None:

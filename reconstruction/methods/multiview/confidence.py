@@ -55,15 +55,15 @@ ASSUMED_MISFIT_PX = 0.5
 MATCHING_PX, POINTS_PX = 0.1, 0.08
 """Standard deviations of a match and of a perfect calibration's misfit."""
 POSE_FACTOR, PAIR_POSE_FACTOR = 1.2, 3.0
-"""Standard deviation of errors by the calibration relative to the rest of its misfit, and that of two
-cameras, whose points adapt to most of it."""
+"""Standard deviation of errors by the calibration relative to the rest of its misfit, times the root of the
+number of other cameras, whose errors cancel in part; and that of two cameras, whose points adapt to it."""
 UNSEEN_PX, PAIR_UNSEEN_PX = 0.1, 0.3
 """Standard deviation of errors that no point shows, such as turns in proportion to the baselines; and that of
 two cameras, where a turn sideways of one shifts all disparities."""
-ASKEW = 1.5
-"""Standard deviation of matches, px, by the square of the misfit: windows beside epipolar lines differ."""
 TURN_PX = 1.0
 """Turn sideways that two cameras do not show, up to which the range of their confidence goes."""
+ASKEW = 1.0
+"""Standard deviation of matches, px, by the square of the misfit: windows beside epipolar lines differ."""
 FREEDOM = 0.5
 """Degrees of freedom of the misfit, for each camera after the first."""
 
@@ -85,7 +85,7 @@ class DepthSupport(NamedTuple):
 
     def confidence_if_turned(self, misfit_px: float | None, scale_error: float = 0.0) -> tuple[Array, Array]:
         """Return the confidence if a camera is turned sideways by `TURN_PX`, unseen by two, and if not."""
-        exact = self._replace(cameras=3).confidence(misfit_px, scale_error)
+        exact = self._replace(cameras=3).confidence(misfit_px or POINTS_PX, scale_error)
         return exact * (self.worth_px > TURN_PX), exact
 
     def measurable(self, misfit_px: float | None, scale_error: float = 0.0) -> Array:
@@ -103,7 +103,7 @@ class DepthSupport(NamedTuple):
             (PAIR_POSE_FACTOR, PAIR_UNSEEN_PX) if self.cameras == 2 else (POSE_FACTOR, UNSEEN_PX)
         )
         excess = max(misfit_px**2 - POINTS_PX**2, 0.0)
-        pose_px = factor * math.sqrt(excess)
+        pose_px = factor * math.sqrt(excess / (self.cameras - 1))
         scale_px = self.worth_px * (scale_error / TOLERANCE)
         sigma_px = np.hypot(scale_px, math.hypot(MATCHING_PX, ASKEW * excess, pose_px, unseen_px))
         # The degrees of freedom of a sum of known and estimated variances (Welch and Satterthwaite).

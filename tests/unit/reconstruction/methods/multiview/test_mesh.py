@@ -1,5 +1,9 @@
 """The mesh of true maps: whole surfaces, each once, and no triangle across an edge of depth."""
 
+import json
+import struct
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -25,6 +29,29 @@ def true_mesh(scene: Scene, views: dict[str, View] = VIEWS) -> tuple[Array, Arra
         for k, found in enumerate(maps.values())
     ]
     return join_maps(views, maps, dict(zip(maps, painted, strict=True)))
+
+
+def test_a_binary_gltf_holds_the_mesh(tmp_path: Path) -> None:
+    corners = np.array([[0, 0, -1.0], [1, 0, -1], [0, 2, -1], [1, 2, -3]])
+    colours = np.array([[0, 128, 255]] * 4, np.uint8)
+    triangles = np.array([[0, 1, 2], [2, 1, 3]])
+    mesh.write_glb(tmp_path / "mesh.glb", corners, colours, triangles)
+    data = (tmp_path / "mesh.glb").read_bytes()
+    magic, version, size, length, kind = struct.unpack_from("<4sIII4s", data)
+    assert (magic, version, size, kind) == (b"glTF", 2, len(data), b"JSON")
+    document = json.loads(data[20 : 20 + length])
+    assert struct.unpack_from("<I4s", data, 20 + length) == (document["buffers"][0]["byteLength"], b"BIN\0")
+    parts = [
+        np.frombuffer(
+            data, kind, part["byteLength"] // np.dtype(kind).itemsize, 28 + length + part["byteOffset"]
+        )
+        for part, kind in zip(document["bufferViews"], ("<f4", "<u2", "<u4"), strict=True)
+    ]
+    assert parts[0].reshape(-1, 3).tolist() == corners.tolist()
+    assert parts[1].reshape(-1, 4)[3] / 65535 == pytest.approx([0, 0.2159, 1, 1], abs=1e-4)
+    assert parts[2].tolist() == triangles.ravel().tolist()
+    assert [part["count"] for part in document["accessors"]] == [4, 4, 6]
+    assert document["accessors"][0]["max"] == [1, 2, -1]
 
 
 def corner_areas(points: Array, triangles: Array) -> Array:

@@ -103,4 +103,3 @@ def test_nobody_is_nobody() -> None:
         for name, one in take([RUN]).items()
     }
     assert finder(frames).people == []
-    assert finder(frames).at(INNER).people == []

@@ -64,7 +64,7 @@ def size_of(pixels: Array) -> Array:
     """Return the diagonal (n,) of the box around joints (n, joints, 2), px; NaN where none is known."""
     known = np.isfinite(pixels)
     sides = np.where(known, pixels, -np.inf).max(axis=1) - np.where(known, pixels, np.inf).min(axis=1)
-    return np.where(known.all(axis=2).any(axis=1), np.linalg.norm(sides, axis=1), np.nan)
+    return np.where(known.any(axis=(1, 2)), np.linalg.norm(sides, axis=1), np.nan)
 
 
 def follow_in_camera(joints: CameraJoints, frames: int) -> list[tuple[Array, Array]]:
@@ -139,7 +139,7 @@ def interpolate(track: Track, at_s: Array, period_s: float, *, nearest: bool = F
             along, usable = along.clip(0, 1).round(), away <= period_s
         places = np.stack([left - 1, left, right, right + 1], axis=1).clip(0, len(times) - 1)
         gaps = np.diff(times[places], axis=1)
-        cubic = ((gaps > 0) & (gaps <= MAX_GAP * period_s)).all(axis=1) & (0 < along) & (along < 1)
+        cubic = ((gaps > 0) & (gaps <= MAX_GAP * period_s)).all(axis=1) & (along > 0) & (along < 1)
         linear = np.stack([0 * along, 1 - along, along, 0 * along], axis=1)
         weights = linear.copy()
         # Those with which each polynomial of third degree is met.

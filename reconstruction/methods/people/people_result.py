@@ -9,7 +9,6 @@ import numpy as np
 from capture_app.common.errors import BadInputError
 from capture_app.common.text import count
 from reconstruction.common.geometry import Array
-from reconstruction.common.image_files import read_image
 from reconstruction.common.outputs import Made
 from reconstruction.methods.people.people_files import (
     COLUMNS,
@@ -20,14 +19,13 @@ from reconstruction.methods.people.people_files import (
     write_trc,
 )
 from reconstruction.methods.people.people_gltf import write_gltf
-from reconstruction.methods.people.people_options import PeopleOptions
+from reconstruction.methods.people.people_method import PeopleMethod
 from reconstruction.methods.people.people_page import write_people_page
 from reconstruction.methods.people.people_pictures import write_films, write_pictures, write_plots
 from reconstruction.methods.people.people_run import PeopleFinder, PeopleInTime, Person
 from reconstruction.methods.people.people_scene import (
     UPS,
     describe_axes,
-    find_keypoints,
     find_people,
     people_at,
     up_axes,
@@ -102,9 +100,8 @@ class MadePeople(Made[PeopleResult]):
 
     def _of(self, person: int, column: str) -> Array:
         own = self._rows[self._rows["person"] == person]
-        names = {name: place for place, name in enumerate(self.result.joints)}
-        values = np.full((len(self.times_s), len(names)), np.nan)
-        joints = [names[name] for name in own["joint"]]
+        values = np.full((len(self.times_s), len(self.result.joints)), np.nan)
+        joints = [self.result.joints.index(name) for name in own["joint"]]
         values[np.searchsorted(self.times_s, own["time_s"]), joints] = own[column]
         return values
 
@@ -114,7 +111,7 @@ class MadePeople(Made[PeopleResult]):
         return np.loadtxt(self.folder / TABLE, kinds, delimiter=",", skiprows=1, ndmin=1)
 
 
-def save_people(scene: Scene, condition: Condition, folder: Path, method: PeopleOptions) -> PeopleResult:
+def save_people(scene: Scene, condition: Condition, folder: Path, method: PeopleMethod) -> PeopleResult:
     """Locate the people of a session, and write them in all formats into a folder.
 
     Raises:
@@ -124,14 +121,14 @@ def save_people(scene: Scene, condition: Condition, folder: Path, method: People
     if method.up not in UPS:
         raise BadInputError(f"--up {method.up} is not an axis", hint=", ".join(UPS))
     method.progress.total = (method.keypoints is None) * len(scene.views) + 1 + method.film
-    finder = find_people(scene, method)
+    finder, keypoints = find_people(scene, method)
     found = people_at(scene, finder, condition, method)
     method.progress.step(f"{count(len(found.people), 'individual')} at {len(found.times_s)} times")
     rotation = up_axes(scene, method.up)
     _write(folder, scene, found, rotation, method)
     return PeopleResult(
         session=scene.dataset.name,
-        source=find_keypoints(scene, method).source,
+        source=keypoints.source,
         condition=condition.name,
         unit=scene.unit,
         axes=describe_axes(rotation),
@@ -150,7 +147,7 @@ def save_people(scene: Scene, condition: Condition, folder: Path, method: People
     )
 
 
-def _write(folder: Path, scene: Scene, found: PeopleInTime, rotation: Array, options: PeopleOptions) -> None:
+def _write(folder: Path, scene: Scene, found: PeopleInTime, rotation: Array, options: PeopleMethod) -> None:
     times_s, joints = found.times_s, found.skeleton.joints
     write_table(folder / TABLE, times_s, found.skeleton, found.people)
     upright = [person.positions @ rotation.T for person in found.people]
@@ -165,8 +162,7 @@ def _write(folder: Path, scene: Scene, found: PeopleInTime, rotation: Array, opt
             write_trc(folder / SMOOTHED / f"{name}.trc", times_s, joints, smooth, scene.unit)
     write_gltf(folder / GLTF, times_s, found.skeleton, upright)
     write_plots(folder / PLOTS, found, rotation[1], scene.unit)
-    write_pictures(folder / PICTURES, scene.dataset, scene.views, found)
-    still = read_image(min((folder / PICTURES).iterdir()))
+    still = write_pictures(folder / PICTURES, scene.dataset, scene.views, found)
     write_people_page(folder, scene.dataset.name, found, scene.views, still)
     if options.film:
         options.progress.step("films")

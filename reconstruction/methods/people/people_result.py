@@ -126,13 +126,14 @@ def save_people(scene: Scene, condition: Condition, folder: Path, method: People
     method.progress.step(f"{count(len(found.people), 'individual')} at {len(found.times_s)} times")
     rotation = up_axes(scene, method.up)
     _write(folder, scene, found, rotation, method)
+    left_out = _left_out(finder)
     return PeopleResult(
         session=scene.dataset.name,
         source=keypoints.source,
         condition=condition.name,
         unit=scene.unit,
         axes=describe_axes(rotation),
-        cameras=finder.names,
+        cameras=tuple(name for name in finder.names if name not in left_out),
         joints=found.skeleton.joints,
         times=len(found.times_s),
         rate_hz=round(rate_of(found.times_s), 4),
@@ -140,8 +141,8 @@ def save_people(scene: Scene, condition: Condition, folder: Path, method: People
         moved_ms=round(found.moved_ms, 4),
         moved_px=round(found.moved_px, 3),
         people=tuple(_summary(k, person, found.times_s) for k, person in enumerate(found.people, 1)),
-        left_out=_left_out(finder),
-        remarks=(f"{count(alone, 'track')} of single cameras left out: no second camera confirms them",)
+        left_out=left_out,
+        remarks=(f"left out, as no second camera confirms them: {count(alone, 'track')} of one camera each",)
         if (alone := sum(map(len, finder.alone)))
         else (),
     )
@@ -187,7 +188,7 @@ def _left_out(finder: PeopleFinder) -> dict[str, str]:
     """Return the cameras that show nobody whom another camera confirms, each with the reason."""
     used = {track.camera for tracks in finder.people for track in tracks}
     seen = {track.camera for track in finder.tracks}
-    odd = "whom it sees fits no other camera: is its calibration its own, and its picture not mirrored?"
+    odd = "who is seen in it fits no other camera: is its calibration its own, and its picture not mirrored?"
     return {
         name: odd if number in seen else "nobody is seen in it"
         for number, name in enumerate(finder.names)

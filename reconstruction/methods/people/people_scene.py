@@ -57,8 +57,8 @@ def _find_people(scene: Scene, method: PeopleMethod) -> tuple[PeopleFinder, Keyp
     finder = PeopleFinder(frames, keypoints.skeleton, dataset.period_ns / 1e9, scene.scale_error)
     if not finder.people:
         seen = sorted({finder.names[track.camera] for track in finder.tracks})
-        what = f"somebody is seen by {' and '.join(seen)}, but" if seen else "nobody is seen:"
-        raise NotApplicableError(f"{what} no two cameras see the same person", hint=WHOLE)
+        what = f"{' and '.join(seen)} see somebody, but no two cameras the same person"
+        raise NotApplicableError(what if seen else f"nobody is seen by {' or '.join(cameras)}", hint=WHOLE)
     return finder, keypoints
 
 

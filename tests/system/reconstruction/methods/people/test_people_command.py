@@ -66,7 +66,7 @@ def test_nobody_is_refused(tmp_path: Path, reconstruct: Reconstruct, monkeypatch
     monkeypatch.setattr(BlazePose, "__init__", lambda detector, model: None)
     monkeypatch.setattr(BlazePose, "detect", lambda detector, image: nobody)
     said = refusal(reconstruct, tmp_path / "out", JUMPER, code=ExitCode.BAD_INPUT)
-    assert "nobody is seen: no two cameras see the same person" in said
+    assert "nobody is seen by cam00 or cam01" in said
 
 
 def test_missing_weights_are_said_with_the_command_that_fetches_them(

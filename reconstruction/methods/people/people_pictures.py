@@ -97,7 +97,7 @@ def write_plots(folder: Path, found: PeopleInTime, up: Array, unit: str) -> None
             band = np.hypot(error[1:], error[:-1]) / steps_s
             curves = {
                 "height": _curve(times_s, path @ up, error),
-                "speed": _curve(times_s[1:], speed, band) if np.isfinite(speed).any() else {},
+                "speed": _curve(times_s[1:], speed, band, lowest=0.0) if np.isfinite(speed).any() else {},
             }
             rows.append({"joint": printable(found.skeleton.joints[joint]), **curves})
         text = template.render(
@@ -106,11 +106,14 @@ def write_plots(folder: Path, found: PeopleInTime, up: Array, unit: str) -> None
         (folder / f"person{number}.svg").write_text(text, encoding="utf-8")
 
 
-def _curve(times: Array, values: Array, band: Array) -> dict[str, object]:
-    """Return a curve as SVG paths with its band, and the ends of its scale; gaps stay gaps."""
+def _curve(times: Array, values: Array, band: Array, lowest: float = -np.inf) -> dict[str, object]:
+    """Return a curve as SVG paths with its band, and the ends of its scale; gaps stay gaps.
+
+    The scale does not go below `lowest`.
+    """
     known = np.isfinite(values)
     margin = float(np.median(band[known])) + 1e-9
-    low, high = float(np.nanmin(values)) - margin, float(np.nanmax(values)) + margin
+    low, high = max(float(np.nanmin(values)) - margin, lowest), float(np.nanmax(values)) + margin
     width, tall = PLOT_SIZE
     x = (times - times[0]) / max(times[-1] - times[0], 1e-9) * width
     y, wide = (high - values) / (high - low) * tall, band / (high - low) * tall

@@ -19,7 +19,7 @@ from reconstruction.scene.scene import Scene
 
 UPS = ("auto", "x", "y", "z", "-x", "-y", "-z")
 """Values of `--up`."""
-WHOLE = "two cameras at least must see a person whole, from different sides"
+WHOLE = "two cameras at least must see a person whole and large, from different sides; or give --keypoints"
 
 
 class PeopleInstant(NamedTuple):
@@ -57,7 +57,7 @@ def _find_people(scene: Scene, method: PeopleMethod) -> tuple[PeopleFinder, Keyp
     finder = PeopleFinder(frames, keypoints.skeleton, dataset.period_ns / 1e9, scene.scale_error)
     if not finder.people:
         seen = sorted({finder.names[track.camera] for track in finder.tracks})
-        what = f"{' and '.join(seen)} see somebody, but no two cameras the same person"
+        what = f"somebody is seen by {' and '.join(seen)}, but no two cameras see the same person"
         raise NotApplicableError(what if seen else f"nobody is seen by {' or '.join(cameras)}", hint=WHOLE)
     return finder, keypoints
 

@@ -88,10 +88,9 @@ def write_plots(folder: Path, found: PeopleInTime, up: Array, unit: str) -> None
     times_s, steps_s = found.times_s, np.diff(found.times_s)
     template = environment_of(__package__ or "").get_template("plot.svg")
     for number, person in enumerate(found.people, 1):
-        paths = [path[np.isfinite(path[:, 0])] for path in person.positions.transpose(1, 0, 2)]
-        extent = [float(path.var(axis=0).sum()) if len(path) > 2 else -1.0 for path in paths]
+        extent = np.ma.masked_invalid(person.positions).var(axis=0).sum(axis=1).filled(0.0)
         rows = list[dict[str, object]]()
-        for joint in [k for k in np.argsort(extent)[::-1] if extent[k] >= 0][:PLOTTED]:
+        for joint in [k for k in np.argsort(-extent) if extent[k] > 0][:PLOTTED]:
             path, error = person.positions[:, joint], person.error[:, joint]
             speed = np.linalg.norm(np.diff(path, axis=0), axis=1) / steps_s
             band = np.hypot(error[1:], error[:-1]) / steps_s

@@ -7,7 +7,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from capture_app.session.format.manifest import row_exposures
 from reconstruction.common.geometry import Array, View
 from reconstruction.methods.people.joint_positions import Positions, locate, radius_95
 from reconstruction.methods.people.joint_tracks import (
@@ -23,6 +22,7 @@ from reconstruction.methods.people.person_matching import match_tracks
 from reconstruction.methods.people.skeletons import Skeleton
 from reconstruction.scene.conditions import evenly_spaced
 from reconstruction.scene.dataset import Dataset
+from reconstruction.time_offsets.camera_time import ImageTimes
 
 MATCHED_TIMES = 60
 """Number of times, spread over the session, at which tracks are compared."""
@@ -60,25 +60,17 @@ def camera_frames(
     A joint's time is the middle of its row's exposure if all cameras report it, else its frame's. An
     instant is then the middle of the exposures of the images' middle rows.
     """
-    names = [name for name in views if name in keypoints.cameras]
-    records = {(name, k): dataset.record(name, k) for name in names for k in dataset.instants(name)}
-    rows = {image: row_exposures(dataset.session.camera(image[0]), one) for image, one in records.items()}
-    exposures = {image: one for image, one in rows.items() if one is not None}
-    if len(exposures) < len(records):
-        exposures = {}
-    middles_ns = [one.middle_ns(one.rows // 2) - records[image].leader_ns for image, one in exposures.items()]
-    middle_ns = float(np.median(middles_ns or [0]))
-    found = dict[str, CameraFrames]()
+    names = [name for name in views if name in keypoints.cameras and dataset.instants(name)]
+    times, found = ImageTimes(dataset, names), dict[str, CameraFrames]()
+    images = [(name, k) for name in names for k in dataset.instants(name)]
+    middle_ms = float(np.median([times.middle_ms(*image) - times.at_ms(*image) for image in images]))
     for name in names:
-        frame_s, row_s, error_ns = np.full(len(dataset.instants_ns), np.nan), 0.0, 0
-        for k in dataset.instants(name):
-            at_ns = float(records[name, k].leader_ns)
-            if (one := exposures.get((name, k))) is not None:
-                at_ns = one.middle_ns(0) - middle_ns
-                row_s = one.row_time_ns / 1e9 * one.rows / views[name].height
-            frame_s[k] = (at_ns - dataset.instants_ns[0]) / 1e9
-            error_ns = max(error_ns, records[name, k].uncertainty_ns or 0)
-        error_s = error_ns / 1e9 / SIGMAS_95
+        instants = list(dataset.instants(name))
+        rows_ms = np.array([times.of_rows_ms(name, k, np.arange(2)) for k in instants])
+        frame_s = np.full(len(dataset.instants_ns), np.nan)
+        frame_s[instants] = (rows_ms[:, 0] - middle_ms) / 1e3
+        row_s = float(np.median(np.diff(rows_ms))) / 1e3
+        error_s = max(dataset.record(name, k).uncertainty_ns or 0 for k in instants) / 1e9 / SIGMAS_95
         found[name] = CameraFrames(views[name], frame_s, row_s, error_s, keypoints.cameras[name])
     return found
 

@@ -48,10 +48,12 @@ def test_a_film_shows_each_instant_of_each_camera(tmp_path: Path, reconstruct: R
 
 
 def test_compare_says_how_far_delayed_joints_are(tmp_path: Path, reconstruct: Reconstruct) -> None:
-    result = reconstruct("compare", JUMPER, "--study", "people", "--json", "--out", tmp_path / "out").result
+    given = "--study", "people", "--keypoints", write_csv(tmp_path / "labels")
+    result = reconstruct("compare", JUMPER, *given, "--json", "--out", tmp_path / "out").result
     (study,) = (one for one in result["studies"] if one["name"] == "people")
     assert not study["reason"]
-    assert "Joints of people in pictures of one instant fit the cameras to" in result["verdict"]
+    assert "Joints of people in pictures of one instant fit the cameras to 0.0 px" in result["verdict"]
+    assert "--keypoints" in study["commands"]["synced"]
     assert "Change of bones" in (tmp_path / "out" / "report.html").read_text()
 
 

@@ -93,13 +93,3 @@ def test_a_camera_whose_picture_is_mirrored_is_not_believed() -> None:
     assert 2 not in {track.camera for group in found.people for track in group}
     (person,) = found.at(INNER).people
     assert errors_mm(person.positions, RUN, INNER).mean() < 30
-
-
-def test_nobody_is_nobody() -> None:
-    frames = {
-        name: one._replace(
-            joints={k: FrameJoints(np.zeros((0, 33, 2)), np.zeros((0, 33))) for k in one.joints}
-        )
-        for name, one in take([RUN]).items()
-    }
-    assert finder(frames).people == []

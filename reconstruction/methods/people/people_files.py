@@ -87,7 +87,7 @@ def smoothed(positions: Array, rate_hz: float, cutoff_hz: float) -> Array:
     """
     smooth = positions.copy()
     for path, own in zip(positions.transpose(1, 0, 2), smooth.transpose(1, 0, 2), strict=True):
-        for run in np.ma.clump_unmasked(np.ma.masked_invalid(path[:, 0])):
+        for run in np.ma.clump_unmasked(np.ma.masked_invalid(path[:, 0])):  # type: ignore[no-untyped-call]
             extra = min(run.stop - run.start - 1, int(2 * rate_hz / cutoff_hz) + 3)
             if extra >= MIN_RUN - 1:
                 long = np.pad(path[run], ((extra, extra), (0, 0)), "reflect", reflect_type="odd")

@@ -2,10 +2,9 @@
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
-from reconstruction.common.options import command_flag, flag
-from reconstruction.method.interface import Method
+from reconstruction.methods.people.people_options import PeopleOptions
 from reconstruction.scene.conditions import Condition
 
 if TYPE_CHECKING:
@@ -15,7 +14,7 @@ if TYPE_CHECKING:
     from reconstruction.scene.scene import Scene
 
 
-class PeopleMethod(Method, frozen=True, kw_only=True):
+class PeopleMethod(PeopleOptions, frozen=True, kw_only=True):
     """Joints of people, or of animals, at one instant by the time of each frame, with an error for each."""
 
     name = "people"
@@ -32,73 +31,6 @@ class PeopleMethod(Method, frozen=True, kw_only=True):
         "people sessions/mice --keypoints labels --out mice",
     )
     result_file = "people.json"
-
-    # No option: a motion has many instants.
-    instant: int = 0
-    instants: Annotated[
-        tuple[int, ...] | None,
-        command_flag("--instants", metavar="all|K-L,M,...", help="Instants at which people are located."),
-    ] = None
-    """None or empty = all."""
-    detector: Annotated[
-        str, command_flag("--detector", metavar="NAME", help="Detector of joints in images.")
-    ] = "blazepose"
-    model: Annotated[
-        str,
-        command_flag(
-            "--model",
-            metavar="NAME",
-            show_default="full",
-            help="Model of the detector; BlazePose has lite, full and heavy.",
-        ),
-    ] = ""
-    keypoints: Annotated[
-        str | None,
-        command_flag(
-            "--keypoints",
-            metavar="FOLDER",
-            help="Use joints that another program found: OpenPose's JSON, DeepLabCut's CSV or H5, SLEAP's "
-            "analysis H5; a file or folder for each camera.",
-        ),
-        flag("--keypoints", metavar="FOLDER", help="Compare joints of people that another program found."),
-    ] = None
-    rate: Annotated[
-        float | None,
-        command_flag(
-            "--rate",
-            gt=0,
-            le=10_000,
-            metavar="HZ",
-            show_default="the session's instants",
-            help="Locate people so many times a second, instead of at the instants.",
-        ),
-    ] = None
-    nearest: Annotated[
-        bool,
-        command_flag("--nearest", help="Take the nearest frames as they are, for comparison."),
-    ] = False
-    smooth: Annotated[
-        float | None,
-        command_flag(
-            "--smooth",
-            gt=0,
-            le=1000,
-            metavar="HZ",
-            help="Also write a low-pass filtered copy (Butterworth, no delay); gaps stay gaps.",
-        ),
-    ] = None
-    up: Annotated[
-        str,
-        command_flag(
-            "--up",
-            metavar="auto|x|y|z|-x|-y|-z",
-            help="Axis of the calibration that points up; auto = the one nearest to the cameras' own.",
-        ),
-    ] = "auto"
-    film: Annotated[
-        bool, command_flag("--film", help="Also write a film for each camera, with the joints drawn into it.")
-    ] = False
-    people: Annotated[bool, flag("--people", help="Compare the joints of people in 3D (longer).")] = False
 
     def output_folder(self, out: Path) -> "OutputFolder":
         """Return the folder that replaces earlier people; see `Method.output_folder`."""

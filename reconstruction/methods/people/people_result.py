@@ -19,7 +19,7 @@ from reconstruction.methods.people.people_files import (
     write_trc,
 )
 from reconstruction.methods.people.people_gltf import write_gltf
-from reconstruction.methods.people.people_method import PeopleMethod
+from reconstruction.methods.people.people_options import PeopleOptions
 from reconstruction.methods.people.people_page import write_people_page
 from reconstruction.methods.people.people_pictures import write_films, write_pictures, write_plots
 from reconstruction.methods.people.people_run import PeopleFinder, PeopleInTime, Person
@@ -111,7 +111,7 @@ class MadePeople(Made[PeopleResult]):
         return np.loadtxt(self.folder / TABLE, kinds, delimiter=",", skiprows=1, ndmin=1)
 
 
-def save_people(scene: Scene, condition: Condition, folder: Path, method: PeopleMethod) -> PeopleResult:
+def save_people(scene: Scene, condition: Condition, folder: Path, method: PeopleOptions) -> PeopleResult:
     """Locate the people of a session, and write them in all formats into a folder.
 
     Raises:
@@ -148,7 +148,7 @@ def save_people(scene: Scene, condition: Condition, folder: Path, method: People
     )
 
 
-def _write(folder: Path, scene: Scene, found: PeopleInTime, rotation: Array, options: PeopleMethod) -> None:
+def _write(folder: Path, scene: Scene, found: PeopleInTime, rotation: Array, options: PeopleOptions) -> None:
     times_s, joints = found.times_s, found.skeleton.joints
     write_table(folder / TABLE, times_s, found.skeleton, found.people)
     upright = [person.positions @ rotation.T for person in found.people]

@@ -10,7 +10,7 @@ from capture_app.common.errors import NotApplicableError
 from reconstruction.common.geometry import Array
 from reconstruction.methods.people.joint_files import read_keypoints
 from reconstruction.methods.people.keypoints import Keypoints, detect_people
-from reconstruction.methods.people.people_method import PeopleMethod
+from reconstruction.methods.people.people_options import PeopleOptions
 from reconstruction.methods.people.people_run import PeopleFinder, PeopleInTime, Person, camera_frames
 from reconstruction.methods.people.skeletons import Skeleton
 from reconstruction.scene.conditions import SYNCHRONIZED, Condition
@@ -30,7 +30,7 @@ class PeopleInstant(NamedTuple):
     joints: Person
 
 
-def find_people(scene: Scene, method: PeopleMethod) -> tuple[PeopleFinder, Keypoints]:
+def find_people(scene: Scene, method: PeopleOptions) -> tuple[PeopleFinder, Keypoints]:
     """Return the individuals of all cameras, matched once for all runs of a scene, and their joints in them.
 
     Raises:
@@ -41,7 +41,7 @@ def find_people(scene: Scene, method: PeopleMethod) -> tuple[PeopleFinder, Keypo
     return scene.once(key, lambda: _find_people(scene, method))
 
 
-def _find_people(scene: Scene, method: PeopleMethod) -> tuple[PeopleFinder, Keypoints]:
+def _find_people(scene: Scene, method: PeopleOptions) -> tuple[PeopleFinder, Keypoints]:
     dataset = scene.dataset
     dataset.require_cameras(2, "a joint in 3D needs two cameras that see it")
     if len(cameras := list(scene.views)) < 2:
@@ -62,7 +62,9 @@ def _find_people(scene: Scene, method: PeopleMethod) -> tuple[PeopleFinder, Keyp
     return finder, keypoints
 
 
-def people_at(scene: Scene, finder: PeopleFinder, condition: Condition, method: PeopleMethod) -> PeopleInTime:
+def people_at(
+    scene: Scene, finder: PeopleFinder, condition: Condition, method: PeopleOptions
+) -> PeopleInTime:
     """Locate people at the instants that a method names, or at its rate, under a condition.
 
     Raises:
@@ -87,7 +89,7 @@ def people_at(scene: Scene, finder: PeopleFinder, condition: Condition, method: 
     return found
 
 
-def instants_of_people(scene: Scene, condition: Condition, method: PeopleMethod) -> Iterator[PeopleInstant]:
+def instants_of_people(scene: Scene, condition: Condition, method: PeopleOptions) -> Iterator[PeopleInstant]:
     """Yield the people at each of a method's instants."""
     found = people_at(scene, find_people(scene, method)[0], condition, method)
     for number, instant in enumerate(scene.dataset.chosen_instants(method.instants)):

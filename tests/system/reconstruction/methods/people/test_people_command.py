@@ -54,7 +54,7 @@ def test_compare_says_how_far_delayed_joints_are(tmp_path: Path, reconstruct: Re
     assert not study["reason"]
     assert "Joints of people in pictures of one instant fit the cameras to 0.0 px" in result["verdict"]
     assert "--keypoints" in study["commands"]["synced"]
-    assert "Cameras that agree" in (tmp_path / "out" / "report.html").read_text()
+    assert "Joints of people by 5 cameras" in (tmp_path / "out" / "report.html").read_text()
 
 
 def test_one_camera_is_refused(tmp_path: Path, reconstruct: Reconstruct) -> None:

@@ -103,16 +103,15 @@ def _continue(tracks: list[FramePlaces], instant: int, frame: FrameJoints) -> No
         mean = np.where(shared, apart, 0).sum(axis=1) / np.maximum(shared.sum(axis=1), 1) / size
         usable = (shared.sum(axis=1) >= min(3, joints)) & (mean < MAX_STEP)
         steps[row, usable] = mean[usable]
-    free = set(range(number))
     while np.isfinite(steps).any():
         row, place = (int(index) for index in np.unravel_index(int(steps.argmin()), steps.shape))
         rivals = steps < AMBIGUOUS * max(steps[row, place], 1e-3)
         rows, places = np.flatnonzero(rivals[:, place]), np.flatnonzero(rivals[row])
         if len(rows) == len(places) == 1:
             open_tracks[row][instant] = frame, place
-            free.discard(place)
         steps[rows] = steps[:, places] = np.inf
-    tracks.extend({instant: (frame, place)} for place in sorted(free))
+    followed = {track[instant][1] for track in open_tracks if instant in track}
+    tracks.extend({instant: (frame, place)} for place in range(number) if place not in followed)
 
 
 def interpolate(track: Track, at_s: Array, period_s: float, *, nearest: bool = False) -> PixelsAt:

@@ -35,26 +35,26 @@ class Positions(NamedTuple):
 def locate(projections: Array, pixels: Array, variances: Array, start: Array | None = None) -> Positions:
     """Return the positions that fit pixels (cameras, n, 2) best, by their variances (cameras, n), px squared.
 
-    `projections` are (cameras, 3, 4), of pixels without distortion. Starts from `start` (n, 3) where it is
-    known, else from the pair of cameras that most others agree with; refines by Gauss-Newton with Cauchy
-    weights, and leaves out what is farther off than `OUTLIER`.
+    `projections` are (cameras, 3, 4), of pixels without distortion. Starts from `start` (n, 3), else from the
+    pair of cameras that most others agree with; refines by Gauss-Newton with Cauchy weights, and leaves out
+    what is farther off than `OUTLIER`.
     """
     seen = np.isfinite(pixels).all(axis=2) & np.isfinite(variances)
     variances = np.where(seen, variances, 1.0)
     pixels = np.where(seen[..., None], pixels, 0.0)
-    points = _start(projections, pixels, variances, seen)
-    if start is not None:
-        points = np.where(np.isfinite(start), start, points)
+    points = _start(projections, pixels, variances, seen) if start is None else np.nan_to_num(start)
     for step in range(STEPS + 1):
         residuals, jacobian, ahead = _project(projections, pixels, points)
         squared = (residuals**2).sum(axis=2) / variances
         weights = np.where(seen & ahead & (squared < OUTLIER**2), 1 / variances / (1 + squared), 0.0)
-        normal = np.einsum("cn,cnij,cnik->njk", weights, jacobian, jacobian)
+        weighted = weights[..., None, None] * jacobian
+        normal = np.einsum("cnij,cnik->njk", weighted, jacobian)
         total = np.einsum("nii->n", normal)
         scale = np.where(total > 0, SINGULAR * total, 1.0)
         covariance = np.linalg.inv(normal + scale[:, None, None] * np.eye(3))
         if step < STEPS:
-            points = points + np.einsum("nkj,cn,cnij,cni->nk", covariance, weights, jacobian, residuals)
+            slope = np.einsum("cnij,cni->nj", weighted, residuals)
+            points = points + np.einsum("nkj,nj->nk", covariance, slope)
     used = weights > 0
     known = (used.sum(axis=0) >= 2) & (
         np.linalg.det(normal / np.maximum(total, 1e-300)[:, None, None]) > 1e-15

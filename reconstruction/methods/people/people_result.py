@@ -120,6 +120,7 @@ def save_people(scene: Scene, condition: Condition, folder: Path, method: People
     """
     if method.up not in UPS:
         raise BadInputError(f"--up {method.up} is not an axis", hint=", ".join(UPS))
+    scene.dataset.require_cameras(2, "a joint in 3D needs two cameras that see it")
     method.progress.total = (method.keypoints is None) * len(scene.views) + 1 + method.film
     finder, keypoints = find_people(scene, method)
     found = people_at(scene, finder, condition, method)

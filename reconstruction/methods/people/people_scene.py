@@ -43,7 +43,6 @@ def find_people(scene: Scene, method: PeopleOptions) -> tuple[PeopleFinder, Keyp
 
 def _find_people(scene: Scene, method: PeopleOptions) -> tuple[PeopleFinder, Keypoints]:
     dataset = scene.dataset
-    dataset.require_cameras(2, "a joint in 3D needs two cameras that see it")
     if len(cameras := list(scene.views)) < 2:
         raise NotApplicableError(
             f"only {' and '.join(cameras) or 'no camera'} is calibrated; a joint in 3D needs two cameras",

@@ -57,12 +57,6 @@ def test_compare_says_how_far_delayed_joints_are(tmp_path: Path, reconstruct: Re
     assert "Joints of people by 5 cameras" in (tmp_path / "out" / "report.html").read_text()
 
 
-def test_one_camera_is_refused(tmp_path: Path, reconstruct: Reconstruct) -> None:
-    labels = write_csv(tmp_path / "labels", cameras=1)
-    said = refusal(reconstruct, tmp_path / "out", JUMPER, "--keypoints", labels, code=ExitCode.BAD_INPUT)
-    assert "has joints of 1 of the cameras" in said
-
-
 def test_nobody_is_refused(tmp_path: Path, reconstruct: Reconstruct, monkeypatch: pytest.MonkeyPatch) -> None:
     nobody = np.zeros((0, 33, 2)), np.zeros((0, 33))
     monkeypatch.setattr(BlazePose, "__init__", lambda detector, model: None)
@@ -89,12 +83,20 @@ def test_a_missing_extra_is_said_with_its_name(
     assert "people" in said
 
 
-def test_a_session_without_a_calibration_is_refused(
-    tmp_path: Path, reconstruct: Reconstruct, scene: Scene, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(
+    ("cameras", "reason"), [(("left", "right"), "no calibration"), (("left",), "one camera only (left)")]
+)
+def test_a_session_of_one_camera_or_without_a_calibration_is_refused(
+    tmp_path: Path,
+    reconstruct: Reconstruct,
+    scene: Scene,
+    monkeypatch: pytest.MonkeyPatch,
+    cameras: tuple[str, ...],
+    reason: str,
 ) -> None:
     grey = np.full((HEIGHT, WIDTH), 90, np.uint8)
     monkeypatch.setattr(scene, "look", lambda view, time: (grey, grey / 90, grey > 90))
-    views = {name: VIEWS[name] for name in ("left", "right")}
+    views = {name: VIEWS[name] for name in cameras}
     blank = write_session(tmp_path, scene, views, calibrated=False, truth=False)
     said = refusal(reconstruct, tmp_path / "out", blank.folder, code=ExitCode.BAD_INPUT)
-    assert "calibrat" in said
+    assert reason in said

@@ -21,13 +21,6 @@ def elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def test_missing_weights_are_named_with_the_command_that_fetches_them(elsewhere: Path) -> None:
-    with pytest.raises(NotAvailableError) as raised:
-        find_weights("full")
-    assert DETECTOR in raised.value.what
-    assert raised.value.hint.endswith(" -m reconstruction.methods.people.blazepose_weights full")
-
-
 def test_damaged_weights_are_refused(elsewhere: Path) -> None:
     (elsewhere / DETECTOR).write_bytes(b"TFL3")
     with pytest.raises(NotAvailableError, match="damaged"):

@@ -64,7 +64,7 @@ def test_a_landmark_is_where_the_model_sees_it() -> None:
         return {195: landmarks, 39 * 64 * 64: np.full((64, 64, 39), -9.0), 1: np.ones(1)}
 
     detector = BlazePose.__new__(BlazePose)
-    detector._landmarks = see
+    detector._landmarks = see  # type: ignore[assignment]
     landmarks, _ = detector._look(image, Crop(np.array([320.0, 440.0]), np.array([320.0, 140.0])))
     assert landmarks[0, :2] == pytest.approx([315, 415], abs=0.1)
 

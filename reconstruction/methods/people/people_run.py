@@ -121,6 +121,9 @@ class PeopleFinder:
             [view.matrix @ np.column_stack([view.rotation, view.translation]) for view in views]
         ).reshape(-1, 3, 4)
         self.middle = np.mean([view.centre for view in views], axis=0)
+        # A detector errs by a fraction of a person's size: by more pixels in a camera of more pixels.
+        focal = np.array([view.focal for view in views])[:, None, None]
+        self.magnification = focal / np.median(focal)
         self.tracks = [track for number, one in enumerate(self.frames) for track in _tracks(number, one)]
         busiest = max((one.frame_s[np.isfinite(one.frame_s)] for one in self.frames), key=len)
         times = np.array(evenly_spaced(busiest.tolist(), MATCHED_TIMES))
@@ -168,9 +171,9 @@ class PeopleFinder:
             yield Track(number, *(np.fmax.reduce(arrays) for arrays in parts))
 
     def _locate(self, seen: PixelsAt, noise: Array, start: Array | None = None) -> Positions:
-        """Locate all joints at all times by a noise (joints,), px, of each camera's pixels."""
+        """Locate all joints at all times by a noise (joints,), px, of a camera of median focal length."""
         confident = seen.confidence > 0
-        detected = seen.noise * (noise / np.where(confident, seen.confidence, 1.0)) ** 2
+        detected = seen.noise * (noise * self.magnification / np.where(confident, seen.confidence, 1.0)) ** 2
         late = seen.speed * np.array([one.error_s for one in self.frames])[:, None, None]
         variances = np.where(confident, detected + seen.bend**2 + late**2, np.inf)
         cameras = len(self.frames)
@@ -181,6 +184,7 @@ class PeopleFinder:
     def _noise(self, seen: Sequence[PixelsAt]) -> Array:
         """Return the standard deviation (joints,) of a pixel of full confidence, as residuals show it, px.
 
+        It is that of a camera of the median focal length; in the others it is in proportion to theirs.
         The sum of squares of `c` cameras has 2 c - 3 degrees of freedom; medians are robust to outliers.
         """
         joints = len(self.skeleton.joints)

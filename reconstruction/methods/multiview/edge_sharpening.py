@@ -79,8 +79,9 @@ def sharpen_edges(surface: Surface, source_views: Sequence[SourceView], where: A
     )
     farther, nearby, gained, judged = sums
     # A pixel that itself matches better nearer stays there: few neighbours are as a thin thing is.
-    gained = gained / np.maximum(judged, 1e-3) + np.minimum(gain.reshape(-1)[pixels], 0)
-    likely = np.log((farther + FEW) / (nearby + FEW)) + GAIN_WEIGHT * gained
+    likely = np.log((farther + FEW) / (nearby + FEW)) + GAIN_WEIGHT * (
+        gained / np.maximum(judged, 1e-3) + np.minimum(gain.reshape(-1)[pixels], 0)
+    )
     moved = likely > -FAR_PRIOR
     sharpened.reshape(4, -1)[:3, pixels[moved]] = far[:, moved]
     return Surface(*sharpened)

@@ -125,13 +125,11 @@ def model_instant(
         on_pair=partial(_show_pair, early) if early is not None else None,
     )
     images, sources, rough, maps = maps_found.images, maps_found.sources, maps_found.rough, maps_found.maps
-    checked, confidence, expected_range = None, dict[str, Array](), None
+    checked, confidence, ends = None, dict[str, Array](), dict[str, tuple[float, float]]()
     if options.check:
         checked = check_images(maps_found.usable)
         if not unconfirmed_lenses(scene.source):
-            errors = checked.error_px, scene.scale_error
-            confidence, expected = measure_confidence(images, sources, maps, *errors)
-            expected_range = expected.get(maps_found.reference)
+            confidence, ends = measure_confidence(images, sources, maps, checked.error_px, scene.scale_error)
     misfit_px = None if checked is None else checked.error_px
     views, pictures = image_views(images), image_colours(images)
     progress.step("fusing the maps into a cloud")
@@ -170,7 +168,7 @@ def model_instant(
         unit=scene.unit,
         reference=reference,
         **{name: getattr(own, name) for name in FIGURES},
-        expected_range=expected_range,
+        expected_range=ends.get(reference),
         rest_error_px=None if misfit_px is None else round(misfit_px, 3),
         rest_points=0 if checked is None else checked.points,
         turn_error=turn_error(views[reference], others[0], depth) if len(others) == 1 else None,

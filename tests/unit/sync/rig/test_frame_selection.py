@@ -86,6 +86,15 @@ def test_the_past_reaches_as_far_as_the_ring_buffer() -> None:
     assert [gap.reason for gap in gaps] == ["it had left the ring buffer"]
 
 
+def test_a_ring_buffer_takes_no_more_memory_than_it_may_but_has_the_newest_two_frames() -> None:
+    ring = RingBuffer[str](max_bytes=100)
+    for number in range(5):
+        ring.add(number, "a frame", size_bytes=30)
+    assert (len(ring), ring.oldest_local_ns) == (3, 2)
+    ring.add(5, "a large frame", size_bytes=1000)
+    assert (len(ring), ring.oldest_local_ns) == (2, 4)
+
+
 def test_a_camera_without_frames_leaves_gaps() -> None:
     picks, gaps = pick_frames(RingBuffer[int](), time_map(), (0,), PERIOD_NS)
     assert picks == []

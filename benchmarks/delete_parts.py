@@ -182,12 +182,12 @@ class Hunt:
         files = {str(ROOT / of.file) for of in self._deletions}
         seen = set[CodeType]()
 
-        def profile(frame: FrameType, event: str, _: Any) -> None:
-            if event == "call" and frame.f_code not in seen and frame.f_code.co_filename in files:
+        def trace(frame: FrameType, event: str, _: Any) -> None:
+            if frame.f_code not in seen and frame.f_code.co_filename in files:
                 seen.add(frame.f_code)
 
-        threading.setprofile(profile)
-        sys.setprofile(profile)
+        threading.settrace(trace)
+        sys.settrace(trace)
         for number, (item, after) in enumerate(zip(items, (*items[1:], None), strict=True)):
             began = time.process_time()
             item.ihook.pytest_runtest_protocol(item=item, nextitem=after)

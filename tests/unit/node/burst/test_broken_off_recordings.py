@@ -175,6 +175,24 @@ async def test_a_recording_whose_folder_is_removed_ends_and_acknowledges_nothing
         await until(lambda: not bursts._bursts)
 
 
+async def test_a_camera_that_has_missed_the_end_of_a_recording_is_ordered_it_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    engine = engine_of("a", "b")
+    members = engine.roster.members
+    async with bursts_of(tmp_path, engine) as bursts:
+        session = await bursts.order(RECORDING)
+        await begin(session, "a", "b")
+        await session.accept_report(report("b").with_plan(picked=30), session.burst.instants_ns[-1])
+        ended_ns = session.burst.instants_ns[-1] + AFTER_LAST_INSTANT_NS
+        for now_ns, ends in ((ended_ns - 1, []), (ended_ns, [30, 30])):
+            monkeypatch.setattr(StillClock, "shown_ns", now_ns)
+            for name in ("a", "b"):
+                engine.receive_message(TriggerAck(members[name].number, LEADER, 1), (name, 0), now_ns)
+            await bursts.give_up_silent_cameras()
+            assert [trigger.count for trigger in triggers_sent(engine, now_ns)] == ends
+
+
 async def test_frames_after_the_end_that_an_operator_ordered_are_not_acknowledged(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

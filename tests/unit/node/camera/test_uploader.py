@@ -240,3 +240,17 @@ async def test_the_oldest_of_too_many_bursts_is_given_up_while_the_leader_is_los
         uploader.add_burst(burst)
     await uploader.aclose()
     assert said == [f"burst {n} given up: the leader was lost for too long" for n in (0, 1)]
+
+
+async def test_only_the_leader_that_ordered_a_burst_cancels_it() -> None:
+    got = asyncio.Event()
+
+    async def serve(channel: Channel[ToLeader]) -> None:
+        async for _ in images(channel):
+            got.set()
+
+    async with uploading(serve, said := list[str]()) as uploader:
+        uploader.add_burst(burst_upload(Picture(b"0")))
+        uploader.cancel_burst(leader=2, burst=1)
+        await got.wait()
+    assert said == []

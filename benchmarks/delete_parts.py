@@ -2,10 +2,10 @@
 
     python -m benchmarks.delete_parts capture_app/node/burst --tests tests/unit/node
 
-A part is the body of a private function, a branch, or an exception handler; `suppress` then suppresses nothing.
-Tests are imported once. Each deletion is made in a process that is forked from there, which runs the tests that
-call the function, cheapest first, until one fails. Programs that tests start have no deletion: what only these
-show survives here. Some deletions change nothing but time, as that of a cache.
+A part is the body of a private function, a branch, or an exception handler; `suppress` then suppresses
+nothing. Tests are imported once. Each deletion is made in a process forked from there, which runs the tests
+that call the function, cheapest first, until one fails. Programs that tests start have no deletion: what only
+these show survives here. Some deletions change nothing but time, as that of a cache.
 """
 
 import argparse
@@ -31,8 +31,8 @@ import pytest
 from tests.virtual.planted import code_of, live_function
 
 ROOT = Path(__file__).parents[1]
-TESTS_S = 60.0
-"""Time for the tests of one deletion, in s. What never ends is noticed."""
+MIN_TESTS_S, SLOWER = 30.0, 20.0
+"""Least time for a deletion's tests, in s, or so many times what they cost. What never ends is noticed."""
 Function = ast.FunctionDef | ast.AsyncFunctionDef
 Key = tuple[str, int]
 """File and first line of a function's code."""
@@ -145,7 +145,8 @@ class Hunt:
             tests = sorted(calls[function.co_filename, function.co_firstlineno])
             chosen = [items[number] for _, number in tests if number not in failed]
             began = time.monotonic()
-            why = self._try(of, chosen) if chosen else ""
+            limit_s = max(MIN_TESTS_S, SLOWER * sum(seconds for seconds, _ in tests))
+            why = self._try(of, chosen, limit_s) if chosen else ""
             if not why:
                 self.survived.append(of)
             result = f"found {of}: {why}" if why else f"SURVIVED {of}: {len(chosen)} tests call it"
@@ -155,7 +156,7 @@ class Hunt:
     def _say(self, line: str) -> None:
         print(line, file=self._talk, flush=True)
 
-    def _try(self, of: Deletion, items: Sequence[pytest.Item]) -> str:
+    def _try(self, of: Deletion, items: Sequence[pytest.Item], limit_s: float) -> str:
         """Return the first test that notices a deletion; empty for none."""
         try:
             code = of.code()
@@ -169,7 +170,7 @@ class Hunt:
 
         if len(code.co_freevars) != len(of.live().__code__.co_freevars):
             return "not tried: it closes over other names"
-        return _in_child(run, TESTS_S)
+        return _in_child(run, limit_s)
 
     def _run(self, items: Sequence[pytest.Item]) -> None:
         for item, after in zip(items, (*items[1:], None), strict=True):
@@ -187,9 +188,9 @@ class Hunt:
                 seen.add(frame.f_code)
 
         threading.settrace(trace)
-        sys.settrace(trace)
         for number, (item, after) in enumerate(zip(items, (*items[1:], None), strict=True)):
             began = time.process_time()
+            sys.settrace(trace)  # again each time: hypothesis removes it
             item.ihook.pytest_runtest_protocol(item=item, nextitem=after)
             seconds = time.process_time() - began
             for code in tuple(seen):
@@ -208,7 +209,7 @@ def _in_child(work: Callable[[Callable[[str], None]], None], timeout_s: float) -
             os.setpgid(0, 0)
             with os.fdopen(writing, "w") as out:
                 work(lambda text: (out.write(text), None)[1])
-        except BaseException as error:
+        except BaseException as error:  # noqa: BLE001 - said by the parent
             os.write(writing, f"{type(error).__name__}: {error}".encode())
         finally:
             os._exit(0)
@@ -231,7 +232,7 @@ def main() -> None:
     """Delete, test, and print each deletion with what noticed it; exit with 1 if any survived."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("folders", nargs="+", type=Path, help="Folders or files below the checkout.")
-    parser.add_argument("--tests", action="append", required=True, help="Folder or file of tests; repeatable.")
+    parser.add_argument("--tests", action="append", required=True, help="Tests' folder or file; repeatable.")
     parser.add_argument("--count", type=int, help="Number of deletions, drawn at random; default: all.")
     parser.add_argument("--seed", type=int, default=1)
     asked = parser.parse_args()

@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import msgspec
@@ -16,6 +17,7 @@ from capture_app.session.writing.session_writer import SessionWriter
 from tests.project import ROOT
 
 from .conftest import INSTANTS, calibration_of, camera_record, edit_manifest, fill, jpeg
+from .recorded import frame
 
 
 def test_what_is_written_is_read(session: Session) -> None:
@@ -48,6 +50,17 @@ def test_calibration_is_kept(tmp_path: Path) -> None:
     (session.folder / "calibration.json").write_text('{"schema_version": 2}')
     with pytest.raises(BadInputError, match="schema version 2"):
         session.calibration()
+
+
+def test_of_two_images_of_one_instant_the_first_is_saved(tmp_path: Path) -> None:
+    first = replace(frame("left", 0), true_ns=None)
+    other = replace(first, data=jpeg(1), record=msgspec.structs.replace(first.record, bytes=len(jpeg(1))))
+    with SessionWriter.create(tmp_path, "small") as writer:
+        writer.append([first], in_videos=False)
+        writer.append([other], in_videos=False)
+        writer.sync("left")
+        assert writer.image("left", 0) == first.record
+        assert (writer.folder / first.record.path).read_bytes() == first.data
 
 
 def test_a_session_is_never_overwritten(session: Session) -> None:

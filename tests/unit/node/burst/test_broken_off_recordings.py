@@ -39,7 +39,7 @@ from capture_app.session.reading.verify import verify
 from capture_app.session.writing.session_writer import SessionWriter
 from capture_app.sync.phase.frame_grid import FrameGrid
 from capture_app.sync.rig.burst_orders import BurstOrder
-from capture_app.sync.rig.frame_selection import MAX_STREAMED_NS, Burst
+from capture_app.sync.rig.frame_selection import MAX_STREAMED_FRAMES, MAX_STREAMED_NS, Burst
 from capture_app.sync.rig.rig_config import RequestedConfig
 from capture_app.sync.wire.datagrams import Heartbeat, Report, TriggerAck
 from tests.unit.node.bursts import (
@@ -49,6 +49,7 @@ from tests.unit.node.bursts import (
     INSTANTS_NS,
     LEADER,
     PERIOD_NS,
+    burst_session,
     receive_image,
     report,
     upload,
@@ -173,24 +174,6 @@ async def test_a_recording_whose_folder_is_removed_ends_and_acknowledges_nothing
         await until(session.finished.is_set)
         assert "was removed while it was being written" in session.message
         await until(lambda: not bursts._bursts)
-
-
-async def test_a_camera_that_has_missed_the_end_of_a_recording_is_ordered_it_again(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    engine = engine_of("a", "b")
-    members = engine.roster.members
-    async with bursts_of(tmp_path, engine) as bursts:
-        session = await bursts.order(RECORDING)
-        await begin(session, "a", "b")
-        await session.accept_report(report("b").with_plan(picked=30), session.burst.instants_ns[-1])
-        ended_ns = session.burst.instants_ns[-1] + AFTER_LAST_INSTANT_NS
-        for now_ns, ends in ((ended_ns - 1, []), (ended_ns, [30, 30])):
-            monkeypatch.setattr(StillClock, "shown_ns", now_ns)
-            for name in ("a", "b"):
-                engine.receive_message(TriggerAck(members[name].number, LEADER, 1), (name, 0), now_ns)
-            await bursts.give_up_silent_cameras()
-            assert [trigger.count for trigger in triggers_sent(engine, now_ns)] == ends
 
 
 async def test_frames_after_the_end_that_an_operator_ordered_are_not_acknowledged(
@@ -494,6 +477,21 @@ async def test_the_next_run_orders_the_rest_of_a_recording(
             ack = TriggerAck(member.number, LEADER - 1, 1)
             engine.receive_message(ack, (member.name, 0), StillClock.shown_ns)
         assert triggers_sent(engine, StillClock.shown_ns + 10**9) == []
+
+
+@pytest.mark.parametrize("what", ["a recording", "a burst", "of this run", "being closed", "without an end"])
+async def test_only_the_rest_of_a_recording_with_an_end_can_be_ordered(tmp_path: Path, what: str) -> None:
+    if what == "a burst":
+        session = burst_session(tmp_path, "a")
+    else:
+        session = recording_of(tmp_path, "a", frames=MAX_STREAMED_FRAMES if what == "without an end" else 100)
+    await session.write_plan(LEADER - 1, unix_minus_leader_ns=0)
+    await session.suspend()
+    is_of_this_run, is_closing = what == "of this run", what == "being closed"
+    again = BurstSession.resume(session.folder, 0, DISK, is_of_this_run=is_of_this_run, is_closing=is_closing)
+    now_ns = session.burst.instants_ns[0]
+    assert again.to_continue(now_ns, now_ns) == (LEADER - 1 if what == "a recording" else None)
+    await again.suspend()
 
 
 @pytest.mark.parametrize("what", ["another clock", "another rate", "over"])

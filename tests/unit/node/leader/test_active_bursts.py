@@ -3,7 +3,7 @@
 import asyncio
 import hashlib
 import random
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager
 from pathlib import Path
 
@@ -63,8 +63,8 @@ def engine_of(*names: str) -> Leader:
 
 
 @asynccontextmanager
-async def bursts_of(root: Path, engine: Leader) -> AsyncIterator[ActiveBursts]:
-    options = LeaderOptions(sessions=root, clock=StillClock(), trust=Trust.open())
+async def bursts_of(root: Path, engine: Leader, awaited: Sequence[str] = ()) -> AsyncIterator[ActiveBursts]:
+    options = LeaderOptions(sessions=root, clock=StillClock(), trust=Trust.open(), awaited=awaited)
     bursts = ActiveBursts(options, engine, Pump(engine, options.clock, lambda: None))
     try:
         yield bursts
@@ -100,6 +100,14 @@ async def test_a_cancelled_burst_is_forgotten_by_its_nodes(tmp_path: Path) -> No
             await bursts.find_session(late, "")
         again = await order(bursts)
         assert again.burst.number > number
+
+
+async def test_a_camera_that_sends_nonsense_is_awaited_in_no_burst(tmp_path: Path) -> None:
+    async with bursts_of(tmp_path, engine_of("a", "b")) as bursts:
+        sessions = [await order(bursts), await order(bursts)]
+        await bursts.give_up("a", "it sent an invalid message")
+        problems = [{of.camera: of.problem for of in session.status.transfer} for session in sessions]
+        assert problems == [{"a": "it sent an invalid message", "b": ""}] * 2
 
 
 async def test_a_burst_that_could_not_be_written_down_is_forgotten_by_its_nodes(
@@ -247,6 +255,18 @@ async def test_a_burst_names_the_cameras_that_the_rig_has_lost(tmp_path: Path) -
         assert (await take()).status.message == "", "it is forgotten"
     finally:
         await bursts.close()
+
+
+async def test_a_camera_of_the_leader_before_is_missed_until_it_would_be_forgotten(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async with bursts_of(tmp_path, engine_of("a"), awaited=("a", "lost")) as bursts:
+        for later_ns, words in (
+            (0, "without lost: it has not come back since the leader was lost"),
+            (FORGET_LOST_NS, ""),
+        ):
+            monkeypatch.setattr(StillClock, "shown_ns", NOW_NS + later_ns)
+            assert (await order(bursts)).status.message == words
 
 
 async def test_images_that_come_late_complete_their_session_in_the_same_run(tmp_path: Path) -> None:

@@ -19,7 +19,7 @@ pytestmark = pytest.mark.virtual
 
 @pytest.fixture
 def started_s(monkeypatch: pytest.MonkeyPatch, lives_s: list[float]) -> list[float]:
-    """Times at which a node's process was started; each lives as long as drawn, and a further one for ever."""
+    """Times at which a node's process was started; each lives as long as given, and further ones for ever."""
     times, left_s = list[float](), iter(lives_s)
 
     async def start(name: str, *_: Any, **__: Any) -> Any:

@@ -18,6 +18,7 @@ from capture_app.common.timeouts import (
     CAMERA_DISCONNECTED_NS,
     FORGET_LOST_NS,
     MIN_UPLOAD_BYTES_PER_S,
+    TRIGGER_GIVE_UP_NS,
 )
 from capture_app.machine.repair import repair
 from capture_app.net.udp import Pump
@@ -29,11 +30,19 @@ from capture_app.session.format.manifest import AbsentCamera
 from capture_app.session.library.listing import list_sessions
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verdict import Verdict, judge
-from capture_app.sync.rig.burst_orders import BurstOrder
+from capture_app.sync.rig.burst_orders import CANCELLED, NO_ANSWER, BurstOrder
 from capture_app.sync.rig.events import TriggerAnswered
 from capture_app.sync.rig.leader_engine import Leader, LeaderConfig
 from capture_app.sync.wire.codec import FromClient, decode
-from capture_app.sync.wire.datagrams import Goodbye, Heartbeat, Hello, Report, TimeRequest, Trigger
+from capture_app.sync.wire.datagrams import (
+    Goodbye,
+    Heartbeat,
+    Hello,
+    Report,
+    TimeRequest,
+    Trigger,
+    TriggerAck,
+)
 from capture_app.trust.trust import Trust
 from tests.images import small_jpeg
 from tests.unit.node.bursts import CAMERA, DISK, IMAGE, LEADER, pieces, receive_image, report, upload
@@ -100,6 +109,31 @@ async def test_a_cancelled_burst_is_forgotten_by_its_nodes(tmp_path: Path) -> No
             await bursts.find_session(late, "")
         again = await order(bursts)
         assert again.burst.number > number
+
+
+@pytest.mark.parametrize("what", ["cancelled", "ended"])
+def test_an_answer_to_the_end_of_a_burst_does_not_say_who_takes_part(what: str) -> None:
+    orders, grid = (engine := engine_of("a")).orders, engine.grid
+    member = engine.roster.members["a"]
+    burst = orders.place(grid, NOW_NS, BurstOrder(frames=30, streamed=True))
+    ack = TriggerAck(member.number, LEADER, burst.number)
+    assert orders.take_ack(member, ack) == TriggerAnswered("a", burst.number, "")
+    if what == "cancelled":
+        orders.cancel(burst, NOW_NS)
+        ack = replace(ack, refusal=CANCELLED)
+    else:
+        orders.end(burst, 5, NOW_NS)
+    assert orders.take_ack(member, ack) is None
+
+
+def test_a_camera_that_answers_no_trigger_takes_no_part() -> None:
+    orders, grid = (engine := engine_of("a")).orders, engine.grid
+    burst = orders.place(grid, NOW_NS, BurstOrder(frames=3))
+    assert orders.triggers_due(NOW_NS)
+    assert orders.expire(NOW_NS + TRIGGER_GIVE_UP_NS - 1) == []
+    silent = TriggerAnswered("a", burst.number, NO_ANSWER, is_silent=True)
+    assert orders.expire(NOW_NS + TRIGGER_GIVE_UP_NS) == [silent]
+    assert orders.triggers_due(NOW_NS + TRIGGER_GIVE_UP_NS) == []
 
 
 async def test_a_camera_that_sends_nonsense_is_awaited_in_no_burst(tmp_path: Path) -> None:

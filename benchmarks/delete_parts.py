@@ -138,8 +138,8 @@ class Hunt:
             calls[called, int(first)].append((float(seconds), int(number)))
         failed = sorted(number for _, number in calls.pop(("failed", 0), []))
         self._say(f"{len(items)} tests, {len(self._deletions)} deletions")
-        for number in failed:
-            self._say(f"fails without a deletion, and is left out: {items[number].nodeid}")
+        for place in failed:
+            self._say(f"fails without a deletion, and is left out: {items[place].nodeid}")
         for of in self._deletions:
             function = of.live().__code__
             tests = sorted(calls[function.co_filename, function.co_firstlineno])
@@ -183,14 +183,15 @@ class Hunt:
         files = {str(ROOT / of.file) for of in self._deletions}
         seen = set[CodeType]()
 
-        def trace(frame: FrameType, event: str, _: Any) -> None:
-            if frame.f_code not in seen and frame.f_code.co_filename in files:
+        # Not sys.settrace, which hypothesis uses itself.
+        def profile(frame: FrameType, event: str, _: Any) -> None:
+            if event == "call" and frame.f_code not in seen and frame.f_code.co_filename in files:
                 seen.add(frame.f_code)
 
-        threading.settrace(trace)
+        threading.setprofile(profile)
+        sys.setprofile(profile)
         for number, (item, after) in enumerate(zip(items, (*items[1:], None), strict=True)):
             began = time.process_time()
-            sys.settrace(trace)  # again each time: hypothesis removes it
             item.ihook.pytest_runtest_protocol(item=item, nextitem=after)
             seconds = time.process_time() - began
             for code in tuple(seen):

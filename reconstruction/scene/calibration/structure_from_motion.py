@@ -33,6 +33,9 @@ MAX_BELIEVED = 0.08
 """Maximum relative 95 % error of focal lengths at which the images are believed against a given one."""
 GIVEN_ERROR = 0.04
 """Relative error that a given field of view is granted: data sheets and EXIF are rounded."""
+STARTS = (1.0, 1 - GIVEN_ERROR, 1 + GIVEN_ERROR)
+"""Factors of given focal lengths from which these are sought. By the exact one, both poses that a plane
+allows fit a pair equally, and COLMAP's choices for several pairs may contradict each other."""
 MIN_TO_SEPARATE_LENSES = 3
 """Minimum cameras that determine focal lengths; with two whose axes meet, any focal length fits."""
 GUESS = "a guess from these pictures alone"
@@ -210,9 +213,13 @@ def _found(
     *,
     held: bool,
 ) -> _Found:
-    with tempfile.TemporaryDirectory(dir=root) as work:
-        extraction = _extraction(pycolmap, [dataset.size(name) for name in cameras])
-        rec = _solve(pycolmap, Path(work), focal_px, extraction, model, held=held)
+    extraction = _extraction(pycolmap, [dataset.size(name) for name in cameras])
+    for start in STARTS[: None if focal_px and not held else 1]:
+        with tempfile.TemporaryDirectory(dir=root) as work:
+            lenses_px = {name: focal * start for name, focal in focal_px.items()}
+            rec = _solve(pycolmap, Path(work), lenses_px, extraction, model, held=held)
+        if rec is not None:
+            break
     advice = f", {GIVE_LENSES}" if len(focal_px) < len(cameras) else ""
     if rec is None:
         raise NotApplicableError(

@@ -269,6 +269,12 @@ def unconfirmed_lenses(source: str, *, rough: bool = False) -> str:
     return doubt + why.partition(";")[0]
 
 
+def no_measurement(source: str) -> str:
+    """Return the warning about depth by a calibration with this source; empty if its lenses are confirmed."""
+    lenses = unconfirmed_lenses(source)
+    return f"warning: this depth is not a measurement: {lenses}; calibrate with a board" if lenses else ""
+
+
 def is_guess(source: str) -> bool:
     """Return whether the lenses of a calibration with this source rest on no more than points at rest."""
     return GUESS in source or UNCONFIRMED in source

@@ -18,7 +18,7 @@
 # make bench NAME=relay   a rig with cameras below a relay, over two emulated WiFi links (root, 6 min)
 # make bench NAME=rig   bursts of five cameras with two fast clocks, over emulated WiFi links (root, 4 min)
 # make bench NAME=phones   a phone's page in a real browser over an emulated link: its clock, bursts, a kill (root, Chromium, 4 min)
-# make bench NAME=record   ten minutes of recording by four cameras of 1080p30 MJPEG, replayed, 50 kills and 8 outages (30 min, 30 GB; BENCH="--seconds 60 --kills 0 --outages 0")
+# make bench NAME=record   ten minutes of recording by four cameras of 1080p30 MJPEG, 50 kills and 8 outages (30 min, 40 GB; BENCH="--seconds 60 --kills 0 --outages 0"; BENCH="--within 30 --kills 0 --outages 0": kills within it)
 # make bench NAME=throughput   how many cameras a recording bears, beside ffmpeg and a plain socket (3 min; BENCH="--rig 2x30 --load 10")
 # make bench NAME=folders   thirty folders of recordings as strangers have them: offset, error bar, truth and what was said (3 min; BENCH="--only lamp")
 # make bench NAME=panel   the time read off 200 rendered photographs of LED panels and 200 of screens, and whether its error bar holds (15 min; BENCH="--count 20")

@@ -15,6 +15,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import cast
 
+import cv2
+import numpy as np
+
 from capture_app.cameras.base import Camera, OnFailure, OnFrame, buffer_count
 from capture_app.cameras.frame_reader import FrameReader
 from capture_app.cameras.frames import CapturedFrame, JpegPicture
@@ -30,11 +33,26 @@ from capture_app.protocol.log import Log
 from capture_app.sync.wire.camera_commands import CameraCommand, RestartStream
 from capture_app.trust.trust import Trust
 
+PICTURES, QUALITY = 60, 84
+"""Number of different pictures of 1080p (fewer of larger ones), and their quality as JPEGs."""
 JITTER_NS = 20_000
 """Standard deviation of the timestamps."""
 DELIVERY_NS = 3_000_000
 MAX_BUFFERS, MAX_BUFFER_BYTES = 32, 128 << 20
 """Limits of the driver for Video4Linux."""
+
+
+def pictures(width: int, height: int) -> list[bytes]:
+    """Return JPEGs with a camera's detail and noise."""
+    rng = np.random.default_rng(1)
+    coarse = rng.integers(0, 255, (height // 60, width // 60, 3), np.uint8)
+    scene = cv2.resize(coarse, (width, height), interpolation=cv2.INTER_CUBIC).astype(np.int16)
+    made = []
+    for number in range(PICTURES * 1920 // width):
+        noise = rng.normal(0, 4, (height, width, 3)).astype(np.int16)
+        picture = np.clip(np.roll(scene, 7 * number, axis=1) + noise, 0, 255).astype(np.uint8)
+        made.append(cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])[1].tobytes())
+    return made
 
 
 def write_film(path: Path, size: tuple[int, int], images: list[bytes]) -> None:

@@ -2,13 +2,15 @@
 
     python -m benchmarks.sessions.recording [--cameras 4] [--seconds 600] [--kills 0] [--outages 0]
 
-One leader and a node a camera on this machine, each a process of its own with a simulated clock; each camera
-replays 1920x1080 JPEGs of about 200 kB at 30 frames a second (simulated timing, a real load). It records for
-so long, counts frames and what each camera dropped, measures each process's memory, verifies the session.
+One leader and a node a camera on this machine, each a process of its own; each camera hands over 1920x1080
+JPEGs of about 250 kB from its memory, 30 a second (a simulated camera, a real load: see `memory_node`). It
+records for so long, counts frames and what each camera dropped, measures each process's memory, verifies.
 With `--kills` it then takes a burst, or records for a few seconds, as often again, sends SIGKILL to the
 leader or to a node at a random moment, starts it again, and looks whether every frame that was on the
 leader's disk then is in the session in the end. `--outages` does the same with processes that stand still
-(SIGSTOP) for longer than it takes to be given up, and go on.
+(SIGSTOP) for longer than it takes to be given up, and go on. `--within 30` kills as often within the long
+recording: a camera, the leader, all cameras, in turn, each started again after a second. Then it lists the
+frames that are missing of cameras that were there: neither killed nor on their way back.
 """
 
 import argparse
@@ -23,49 +25,38 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-import cv2
-import numpy as np
-
 from benchmarks.report import Report, new_parser, print_report, print_table, talk
+from benchmarks.sessions.memory_node import pictures, write_film
 from capture_app.common.address import Address
+from capture_app.common.clock import HostClock
 from capture_app.common.errors import SimulshotError
+from capture_app.protocol.status import NodeStatus
 from capture_app.rig.rig_link import ask_status
-from capture_app.session.format.manifest import JOURNAL
+from capture_app.session.format.manifest import JOURNAL, MANIFEST
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
 
-WIDTH, HEIGHT, PICTURES, QUALITY = 1920, 1080, 30, 76
+WIDTH, HEIGHT = 1920, 1080
 TIMEOUT_S = 300.0
 SAMPLE_EVERY_S, SAMPLES_AT_LEAST = 5.0, 12
+UNWRITTEN_NS = 500_000_000
+"""What a camera took so shortly before its kill may not be on its disk."""
 BURST_FRAMES, OUTAGE_S = 60, 6.0
 """An outage is more than twice the silence after which a member, or its leader, counts as lost."""
-
-
-def make_pictures(path: Path) -> int:
-    """Write JPEGs with a camera's detail and noise; return their mean size in bytes."""
-    rng = np.random.default_rng(1)
-    coarse = rng.integers(0, 255, (HEIGHT // 60, WIDTH // 60, 3), np.uint8)
-    scene = cv2.resize(coarse, (WIDTH, HEIGHT), interpolation=cv2.INTER_CUBIC).astype(np.int16)
-    cam = path / "cam"
-    cam.mkdir(parents=True)
-    for number in range(PICTURES):
-        noise = rng.normal(0, 4, (HEIGHT, WIDTH, 3)).astype(np.int16)
-        picture = np.clip(np.roll(scene, 7 * number, axis=1) + noise, 0, 255).astype(np.uint8)
-        cv2.imwrite(str(cam / f"{number:02d}.jpg"), picture, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
-    return sum(file.stat().st_size for file in cam.iterdir()) // PICTURES
 
 
 class Rig:
     """A leader and its nodes as processes."""
 
-    def __init__(self, folder: Path, pictures: Path, cameras: int, port: int) -> None:
+    def __init__(self, folder: Path, film: Path, cameras: int, port: int) -> None:
         self.folder = folder
         self.names = [f"cam{number}" for number in range(cameras)]
         self.address = Address("127.0.0.1", port)
-        self._pictures = pictures
+        self._film = film
         self._running: dict[str, subprocess.Popen[bytes]] = {}
 
     @property
@@ -73,28 +64,22 @@ class Rig:
         """Folder in which the leader saves sessions."""
         return self.folder / "sessions"
 
+    @property
+    def spool(self) -> Path:
+        """Folder in which nodes keep what the leader does not have yet."""
+        return self.folder / "spool"
+
     def start(self, name: str) -> None:
         """Start the leader, or a node."""
         if name == "leader":
             where = ["--host", self.address.host, "--port", str(self.address.port)]
-            words = ["leader", *where, "--sessions", str(self.sessions)]
+            module, words = "capture_app.cli", ["leader", *where, "--sessions", str(self.sessions)]
         else:
-            camera = f"replay:{self._pictures},fps=30"
-            words = [
-                "node",
-                "--name",
-                name,
-                "--camera",
-                camera,
-                "--clock",
-                "sim",
-                "--leader",
-                str(self.address),
-            ]
-            words += ["--spool", str(self.folder / "spool")]
+            film, leader, spool = str(self._film), str(self.address), str(self.spool / name)
+            module, words = "benchmarks.sessions.memory_node", [film, "30", leader, name, spool]
         with (self.folder / f"{name}.log").open("ab") as log:
             self._running[name] = subprocess.Popen(
-                [sys.executable, "-m", "capture_app.cli", *words],
+                [sys.executable, "-m", module, *words],
                 stdin=subprocess.DEVNULL,
                 stdout=log,
                 stderr=log,
@@ -188,6 +173,83 @@ async def record_long(rig: Rig, seconds: float) -> Report:
     }
 
 
+class Watch:
+    """When each camera was away, by the leader's clock: from its kill until a status calls it ready."""
+
+    def __init__(self, rig: Rig) -> None:
+        self.away_ns: dict[str, list[tuple[int, int]]] = {name: [] for name in rig.names}
+        self._rig, self._since_ns = rig, dict[str, int]()
+        self._missed = set[str]()
+        """Cameras whose loss the leader has noticed; until then it calls a killed one ready."""
+
+    def note_killed(self, name: str) -> None:
+        """Note that a camera was killed now; what it had not written yet may be gone."""
+        self._since_ns.setdefault(name, HostClock().now_ns())
+        self._missed.discard(name)
+
+    async def follow(self) -> None:
+        """Ask the leader again and again which cameras are ready."""
+        while True:
+            nodes: tuple[NodeStatus, ...] = ()
+            with suppress(SimulshotError):
+                nodes = (await ask_status(self._rig.address)).nodes
+            for node in nodes:
+                if node.state != "ready":
+                    self._missed.add(node.name)
+                elif node.name in self._missed & self._since_ns.keys():
+                    self.away_ns[node.name].append((self._since_ns.pop(node.name), HostClock().now_ns()))
+            await asyncio.sleep(0.2)
+
+    def was_there(self, name: str, at_ns: int) -> bool:
+        """Whether that camera was alive and ready at that time, and for UNWRITTEN_NS more."""
+        since_ns = self._since_ns.get(name, at_ns + UNWRITTEN_NS + 1)
+        spans = [*self.away_ns[name], (since_ns, at_ns + UNWRITTEN_NS + 2)]
+        return not any(from_ns - UNWRITTEN_NS <= at_ns <= until_ns for from_ns, until_ns in spans)
+
+
+async def record_with_kills(rig: Rig, seconds: float, kills: int, chance: random.Random) -> Report:
+    """Make one recording of that length, kill within it, and count what cameras that were there lack."""
+    recording, watch = rig.take("record", "--seconds", str(seconds)), Watch(rig)
+    following = asyncio.create_task(watch.follow())
+    async with asyncio.timeout(TIMEOUT_S):
+        await until(lambda: frames_safe(rig, set()) > 0)
+    for number in range(kills):
+        await asyncio.sleep(seconds / (kills + 1) * chance.uniform(0.6, 1.2) - 1.0)
+        victims = ([chance.choice(rig.names)], ["leader"], rig.names)[number % 3]
+        for name in victims:
+            rig.kill(name)
+            if name != "leader":
+                watch.note_killed(name)
+        await asyncio.sleep(1.0)
+        for name in victims:
+            rig.start(name)
+        talk(f"{number + 1}: killed {', '.join(victims)}")
+    said = json.loads((await asyncio.to_thread(recording.communicate))[0])
+    folder = next(rig.sessions.iterdir())
+    async with asyncio.timeout(TIMEOUT_S):
+        await rig.wait_until_ready()
+        await until(lambda: (folder / MANIFEST).exists() and not any(rig.spool.rglob("report.json")))
+    following.cancel()
+    session = Session.open(folder)
+    manifest = session.manifest
+    lacking = [
+        (gap.camera, gap.instant, gap.reason)
+        for gap in manifest.missing
+        if watch.was_there(gap.camera, manifest.burst.instants_ns[gap.instant])
+    ]
+    return {
+        "kills": kills,
+        "exit": recording.returncode,
+        "said": {key: value for key, value in said.items() if isinstance(value, int | str)},
+        "ordered": manifest.expected_images,
+        "saved": sum(video.frames for video in manifest.videos),
+        "away_s": {name: sum(b - a for a, b in spans) / 1e9 for name, spans in watch.away_ns.items()},
+        "lacking": lacking,
+        "reasons": sorted({f"{gap.camera}: {gap.reason}" for gap in manifest.missing}),
+        "problems": [str(problem) for problem in verify(session)],
+    }
+
+
 async def until(is_so: Callable[[], bool]) -> None:
     """Wait until the condition is true."""
     while not is_so():  # noqa: ASYNC110 - what another process does tells no event
@@ -253,8 +315,10 @@ async def interrupt_once(rig: Rig, chance: random.Random, number: int, *, outage
 
 async def measure(options: argparse.Namespace, folder: Path) -> Report:
     """Record for this duration, with this number of kills and outages."""
-    mean_bytes, cameras = make_pictures(folder / "pictures"), options.cameras
-    rig = Rig(folder, folder / "pictures", cameras, options.port)
+    images, film, cameras = pictures(WIDTH, HEIGHT), folder / "film.mjpeg", options.cameras
+    write_film(film, (WIDTH, HEIGHT), images)
+    mean_bytes = sum(map(len, images)) // len(images)
+    rig = Rig(folder, film, cameras, options.port)
     rig.sessions.mkdir()
     chance = random.Random(options.seed)
     try:
@@ -263,7 +327,9 @@ async def measure(options: argparse.Namespace, folder: Path) -> Report:
         await rig.wait_until_ready()
         talk(f"{cameras} cameras are ready; pictures of {mean_bytes / 1000:.0f} kB")
         report: Report = {"cameras": cameras, "picture_bytes": mean_bytes}
-        if options.seconds:
+        if options.within:
+            report["within"] = await record_with_kills(rig, options.seconds, options.within, chance)
+        elif options.seconds:
             report["recording"] = await record_long(rig, options.seconds)
         turns = [*enumerate([False] * options.kills), *enumerate([True] * options.outages)]
         report["interruptions"] = [await interrupt_once(rig, chance, n, outage=of) for n, of in turns]
@@ -287,6 +353,12 @@ def print_tables(report: Report) -> None:
             for name, mb in recording["memory_mb"].items()
         ]
         print_table(["process", "MB early", "MB at the end", "MB most"], rows)
+    if within := report.get("within"):
+        away = ", ".join(f"{name} {away_s:.0f} s" for name, away_s in within["away_s"].items())
+        print(f"{within['kills']} kills within the recording; away: {away}")
+        print(f"saved {within['saved']} of {within['ordered']}, exit {within['exit']}, said {within['said']}")
+        print(f"missing of cameras that were there: {len(within['lacking'])} {within['lacking'][:20]}")
+        print(f"verify: {within['problems'] or 'no problem'}")
     for kind in ("kill", "outage"):
         if turns := [one for one in report["interruptions"] if one["kind"] == kind]:
             confirmed, lost = sum(one["confirmed"] for one in turns), sum(one["lost"] for one in turns)
@@ -301,6 +373,7 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=600.0)
     parser.add_argument("--kills", type=int, default=0)
     parser.add_argument("--outages", type=int, default=0)
+    parser.add_argument("--within", type=int, default=0, help="kills within the recording")
     parser.add_argument("--port", type=int, default=47811)
     parser.add_argument(
         "--dir", type=Path, default=None, help="where to work, instead of the temporary folder"

@@ -29,11 +29,8 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-import cv2
-import numpy as np
-
 from benchmarks.report import Report, new_parser, print_report, print_table, talk
-from benchmarks.sessions.memory_node import write_film
+from benchmarks.sessions.memory_node import pictures, write_film
 from capture_app.common.address import Address
 from capture_app.common.errors import SimulshotError
 from capture_app.rig.rig_link import ask_status
@@ -41,23 +38,9 @@ from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
 
 SIZES = {"": (1920, 1080), "4k": (3840, 2160)}
-PICTURES, QUALITY = 60, 84
 READY_S, AFTER_S = 120.0, 300.0
 IDLE_S = 4.0
 CLOCK_TICKS = os.sysconf("SC_CLK_TCK")
-
-
-def pictures(width: int, height: int) -> list[bytes]:
-    """Return JPEGs with a camera's detail and noise."""
-    rng = np.random.default_rng(1)
-    coarse = rng.integers(0, 255, (height // 60, width // 60, 3), np.uint8)
-    scene = cv2.resize(coarse, (width, height), interpolation=cv2.INTER_CUBIC).astype(np.int16)
-    made = []
-    for number in range(PICTURES * SIZES[""][0] // width):
-        noise = rng.normal(0, 4, (height, width, 3)).astype(np.int16)
-        picture = np.clip(np.roll(scene, 7 * number, axis=1) + noise, 0, 255).astype(np.uint8)
-        made.append(cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])[1].tobytes())
-    return made
 
 
 class Processes:

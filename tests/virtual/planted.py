@@ -362,7 +362,7 @@ FAULTS: dict[str, Fault] = {
     "rest-not-asked": Fault(
         "a leader that is started again asks nobody for the rest of a recording",
         "capture_app/node/leader/bursts.py",
-        "            self._engine.resume(session.burst, run, now_ns)\n",
+        "            self._engine.resume(session.burst, run, session.planned_delays_ns(), now_ns)\n",
         "            pass\n",
         _restarts_all,
     ),

@@ -123,17 +123,18 @@ class BurstSession:
         writer: SessionWriter,
         disk: ThreadPoolExecutor,
         *,
+        delays_ns: Mapping[str, int] | None = None,
         short_timeouts: Collection[str] = (),
         absent: Absent | None = None,
     ) -> "BurstSession":
         """Begin a burst that has been ordered, with those `cameras` that take part in it.
 
-        Cameras in `short_timeouts` are awaited for a shorter time. `absent` is as in `BurstSession`.
+        They have these planned delays. Cameras in `short_timeouts` are awaited for a shorter time. `absent` is as in `BurstSession`.
         """
         heard_ns = burst.instants_ns[0 if burst.streamed else -1] + AFTER_LAST_INSTANT_NS
         deliveries = [
             CameraDelivery(
-                CameraPlan(camera=CameraRecord(name=name, facts=facts)),
+                CameraPlan(camera=CameraRecord(name=name, facts=facts, delay_ns=(delays_ns or {}).get(name, 0))),
                 heard_ns,
                 short_timeout=name in short_timeouts,
             )
@@ -268,6 +269,10 @@ class BurstSession:
             return None
         is_same_clock = abs(unix_ns - now_ns - plan.unix_minus_leader_ns) <= SAME_CLOCK_NS
         return plan.leader if is_same_clock and now_ns < burst.instants_ns[-1] else None
+
+    def planned_delays_ns(self) -> dict[str, int]:
+        """Return the delay of each camera that was ordered to take part, as planned or as it reported."""
+        return {name: delivery.plan.camera.delay_ns for name, delivery in self._deliveries.items()}
 
     def mean_image_bytes(self) -> dict[str, int]:
         """Return the mean size in bytes of each camera's images and their ground truth, where any arrived."""

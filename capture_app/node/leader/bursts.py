@@ -248,6 +248,7 @@ class ActiveBursts:
             {member.name: member.camera for member in self._engine.roster.by_name()},
             writer,
             self._disk,
+            delays_ns=self._engine.planned_delays_ns(),
             short_timeouts=self._silent,
             absent=self._lost_cameras() | without,
         )
@@ -457,7 +458,7 @@ class ActiveBursts:
             self.newest = session
         now_ns = self.now_ns()
         if (run := session.to_continue(now_ns, time.time_ns())) is not None:
-            self._engine.resume(session.burst, run, now_ns)
+            self._engine.resume(session.burst, run, session.planned_delays_ns(), now_ns)
             self._pump.turn()
         self._background.start(self._follow(session))
 

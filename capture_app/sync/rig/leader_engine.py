@@ -5,7 +5,7 @@ Time replies are stamped when they leave, and are sent before all other datagram
 
 import random
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 
 from msgspec import structs
@@ -258,8 +258,13 @@ class Leader:
         """Order a burst on the rig's grid. Raises as `Orders.check` does."""
         return self.orders.place(self.grid, now_ns, order)
 
-    def resume(self, burst: Burst, run: int, now_ns: int) -> None:
-        """Order the rest of a streamed burst of this leader's earlier `run`, and continue its grid.
+    def planned_delays_ns(self) -> dict[str, int]:
+        """Return each camera's planned delay: 0 in a rig in step, or while delays are not planned yet."""
+        delays_ns = self.current.delays_ns or {}
+        return {name: delays_ns.get(camera_key(name), 0) for name in self.roster.members}
+
+    def resume(self, burst: Burst, run: int, delays_ns: Mapping[str, int], now_ns: int) -> None:
+        """Order the rest of a streamed burst of this leader's earlier `run`, and continue its grid and delays.
 
         A leader that continues another one's time, or has another period, does not.
         """
@@ -268,6 +273,8 @@ class Leader:
         if not self.orders.is_busy(now_ns):
             grid = FrameGrid(burst.instants_ns[0], burst.period_ns)
             self.current.grid_choice, self.current.grid_is_of_cameras = GridPhaseChoice(grid), True
+            # A camera that was started again, too, has forgotten its own.
+            self.current.delays_ns = {camera_key(name): delay_ns for name, delay_ns in delays_ns.items()}
             self.acknowledge_all()
         self.orders.resume(burst, run, now_ns)
 

@@ -14,7 +14,7 @@ async def test_what_was_on_the_leaders_disk_stays_there_through_kills_and_outage
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
-    options = Namespace(cameras=1, seconds=2.0, kills=2, outages=1, port=port, seed=1)
+    options = Namespace(cameras=1, seconds=2.0, kills=2, outages=1, within=0, port=port, seed=1)
     report = await measure(options, tmp_path)
     assert report["recording"]["problems"] == []
     assert [one["kind"] for one in report["interruptions"]] == ["kill", "kill", "outage"]

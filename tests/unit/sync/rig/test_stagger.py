@@ -4,6 +4,7 @@ import random
 from dataclasses import replace
 from itertools import pairwise
 
+import pytest
 from msgspec.structs import replace as replaced
 
 from benchmarks.simulated.virtual_rig import NodeSpec, VirtualRig
@@ -138,6 +139,30 @@ def test_a_configuration_that_arrives_during_a_burst_waits_for_its_end() -> None
     assert client.number is not None
     client.receive_message(HeartbeatAck(client.number, replaced(client.followed, delays_ns={})), 0)
     assert client.delay_ns == 3 * PERIOD_NS // 4
+
+
+@pytest.mark.parametrize("stagger", [Stagger(), None], ids=["planned", "no longer planned"])
+def test_a_recording_goes_on_with_its_delays_though_all_were_started_again(stagger: Stagger | None) -> None:
+    rig = ready_rig(SPECS[:2], seed=1, stagger=Stagger())
+    burst = rig.trigger(frames=400, streamed=True)
+    rig.run_for(S)
+    earlier, planned_ns = rig.leader, rig.leader.planned_delays_ns()
+    assert planned_ns == {"cam0": 0, "cam1": PERIOD_NS // 2}
+    for spec in SPECS[:2]:
+        rig.kill(spec.name)
+    rig._config = replace(rig._config, rig=replace(rig._config.rig, stagger=stagger))
+    rig.restart_leader()
+    rig.leader.resume(burst, earlier.config.instance, planned_ns, rig.leader_ns)
+    nodes = [rig.start(spec) for spec in SPECS[:2]]
+    assert rig.run_until(lambda: rig.now_true_ns > burst.instants_ns[-1] + S, limit_ns=60 * S)
+    for node in nodes:
+        delay_ns, picked = planned_ns[node.spec.name], node.bursts[burst.number].frames
+        assert picked[-1].instant == 399
+        for pick in picked[60:]:
+            due_ns = burst.instants_ns[pick.instant] + delay_ns
+            assert abs(pick.frame.start_true_ns - due_ns) <= 2 * TOLERANCE_NS
+    rig.run_for(5 * S)
+    assert nodes[1].client.delay_ns == (PERIOD_NS // 2 if stagger else 0)
 
 
 class TakenOver:

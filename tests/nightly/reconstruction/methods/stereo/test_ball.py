@@ -23,7 +23,7 @@ from tests.unit.reconstruction.found import values
 def test_so_it_is_in_every_instant_with_the_ball_in_both_views(throw: Throw) -> None:
     assert len(throw.in_both) >= 27
     # Only at the top of its flight the ball moves along the rows.
-    assert sum(throw.across_px(k) < ACROSS_PX for k in throw.in_both) <= 2
+    assert sum(throw.across_px(k) < ACROSS_PX for k in throw.in_both) <= 3
     throw.judge(throw.in_both)
 
 

@@ -127,14 +127,16 @@ class BurstSession:
         short_timeouts: Collection[str] = (),
         absent: Absent | None = None,
     ) -> "BurstSession":
-        """Begin a burst that has been ordered, with those `cameras` that take part in it.
+        """Begin a burst that has been ordered, of those `cameras`, with their planned delays.
 
-        They have these planned delays. Cameras in `short_timeouts` are awaited for a shorter time. `absent` is as in `BurstSession`.
+        Cameras in `short_timeouts` are awaited for a shorter time. `absent` is as in `BurstSession`.
         """
         heard_ns = burst.instants_ns[0 if burst.streamed else -1] + AFTER_LAST_INSTANT_NS
         deliveries = [
             CameraDelivery(
-                CameraPlan(camera=CameraRecord(name=name, facts=facts, delay_ns=(delays_ns or {}).get(name, 0))),
+                CameraPlan(
+                    camera=CameraRecord(name=name, facts=facts, delay_ns=(delays_ns or {}).get(name, 0))
+                ),
                 heard_ns,
                 short_timeout=name in short_timeouts,
             )

@@ -264,7 +264,7 @@ class Leader:
         return {name: delays_ns.get(camera_key(name), 0) for name in self.roster.members}
 
     def resume(self, burst: Burst, run: int, delays_ns: Mapping[str, int], now_ns: int) -> None:
-        """Order the rest of a streamed burst of this leader's earlier `run`, and continue its grid and delays.
+        """Order the rest of a streamed burst of this leader's earlier `run`, with its grid and delays.
 
         A leader that continues another one's time, or has another period, does not.
         """

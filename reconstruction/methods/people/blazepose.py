@@ -3,6 +3,7 @@
 Decoding after the models' cards: https://developers.google.com/mediapipe/solutions/vision/pose_landmarker.
 """
 
+from collections.abc import Sequence
 from typing import Any, ClassVar, NamedTuple
 
 import cv2
@@ -13,18 +14,20 @@ from reconstruction.common.geometry import Array
 from reconstruction.methods.people.blazepose_weights import MODELS, find_weights
 from reconstruction.methods.people.skeletons import SKELETONS, Skeleton
 
-DETECTOR_PX, LANDMARK_PX = 224, 256
-"""Sides of the square images that the models take."""
-STRIDES = (8, 16, 32, 32, 32)
-"""Pixels between the anchors of the detector's layers, each with two anchors a place."""
+DETECTOR_PX, LANDMARK_PX, HEATMAP_PX = 224, 256, 64
+"""Sides of the square images that the models take, and of the heatmaps that the second one gives."""
+CELLS = {28: 2, 14: 2, 7: 6}
+"""Cells a side of the detector's layers, and the anchors of a cell."""
 HIP, TOP = 2, 3
 """Points of a detection: the middle of the hips, and one on the circle around the person."""
 CENTRE, RIM = 33, 34
 """The same two points among the landmarks, from which the next frame's crop follows."""
 CROP_SCALE = 1.25
 """Side of the crop relative to the diameter of the circle around the person."""
-MIN_SCORE, MIN_PRESENCE = 0.5, 0.5
-"""Probabilities from which on a detection counts, and a crop shows a person."""
+MIN_SCORE, MIN_PRESENCE, MIN_HEAT = 0.5, 0.5, 0.5
+"""Probabilities from which on a detection counts, a crop shows a person, and a heatmap moves a landmark."""
+REACH = 3
+"""Cells around a landmark's own whose heat moves it."""
 SAME_RADII = 0.5
 """Distance of hips, in radii of the circle around a person, within which two are the same person."""
 DETECT_EVERY = 8
@@ -48,7 +51,7 @@ class Crop(NamedTuple):
         """Affine map (2, 3) from pixels of the crop to those of the image."""
         across, down = (self.hip - self.top) @ [[0, -1], [1, 0]], self.hip - self.top
         axes = np.stack([across, down], axis=1) * (2 * CROP_SCALE / LANDMARK_PX)
-        return np.column_stack([axes, self.hip - axes.sum(axis=1) * LANDMARK_PX / 2])
+        return np.column_stack([axes, self.hip - axes.sum(axis=1) * (LANDMARK_PX - 1) / 2])
 
     def is_near(self, other: "Crop") -> bool:
         """Whether two crops show the same person."""
@@ -67,14 +70,12 @@ class _Model:
         )
         self._runs: Any = runtime.Interpreter(model_content=data, num_threads=1)
         self._runs.allocate_tensors()
-        self._input = self._runs.get_input_details()[0]["index"]
-        self._outputs = [output["index"] for output in self._runs.get_output_details()]
 
     def __call__(self, image: Array) -> dict[int, Array]:
-        """Return the outputs for an image, float32 side x side x 3, RGB, by their number of values."""
-        self._runs.set_tensor(self._input, image[None].astype(np.float32))
+        """Return the outputs for an image, side x side x 3, RGB, by their number of values."""
+        self._runs.set_tensor(self._runs.get_input_details()[0]["index"], image[None].astype(np.float32))
         self._runs.invoke()
-        found = (self._runs.get_tensor(index)[0] for index in self._outputs)
+        found = (self._runs.get_tensor(output["index"])[0] for output in self._runs.get_output_details())
         return {output.size: output for output in found}
 
 
@@ -85,72 +86,85 @@ class BlazePose:
     models: ClassVar[tuple[str, ...]] = MODELS
 
     def __init__(self, model: str) -> None:
-        detector, landmarks = find_weights(model)
-        self._detector, self._landmarks = _Model(detector), _Model(landmarks)
-        self._anchors = _anchors()
-        self._followed = list[Crop]()
-        self._since = DETECT_EVERY
+        self._detector, self._landmarks = map(_Model, find_weights(model))
+        self._followed, self._frame = list[Crop](), 0
 
     def detect(self, image: Array) -> tuple[Array, Array]:
         """Return the people in the next frame (BGR): pixels (n, 33, 2) and confidences (n, 33)."""
-        crops = self._followed
-        if self._since >= DETECT_EVERY or not crops:
-            new = [one for one in self._search(image) if not any(map(one.is_near, crops))]
-            crops, self._since = [*crops, *new][:MAX_PEOPLE], 0
-        self._since += 1
-        people, self._followed = list[tuple[Array, Array]](), []
+        crops, self._followed = self._followed, []
+        if self._frame % DETECT_EVERY == 0 or not crops:
+            crops = _distinct([*crops, *self._search(image)])[:MAX_PEOPLE]
+        self._frame += 1
+        people = list[Array]()
         for crop in crops:
-            pixels, confidence, presence = self._look(image, crop)
-            followed = Crop(pixels[CENTRE], pixels[RIM])
+            landmarks, presence = self._look(image, crop)
+            followed = Crop(*landmarks[[CENTRE, RIM], :2])
             if presence > MIN_PRESENCE and not any(map(followed.is_near, self._followed)):
                 self._followed.append(followed)
-                people.append((pixels[:CENTRE], confidence[:CENTRE]))
-        return (
-            np.array([pixels for pixels, _ in people]).reshape(-1, CENTRE, 2),
-            np.array([confidence for _, confidence in people]).reshape(-1, CENTRE),
-        )
+                people.append(landmarks[:CENTRE])
+        found = np.array(people).reshape(-1, CENTRE, 3)
+        return found[..., :2], found[..., 2]
 
     def _search(self, image: Array) -> list[Crop]:
-        """Return the crops around the people of a whole image, the most certain first."""
+        """Return crops around the people of a whole image, the most certain first, each several times."""
         height, width = image.shape[:2]
-        scale = DETECTOR_PX / max(height, width)
-        small = cv2.resize(image, (round(width * scale), round(height * scale)), interpolation=cv2.INTER_AREA)
-        corner = (DETECTOR_PX - np.array(small.shape[1::-1])) // 2
-        square = np.zeros((DETECTOR_PX, DETECTOR_PX, 3), np.uint8)
-        square[corner[1] : corner[1] + small.shape[0], corner[0] : corner[0] + small.shape[1]] = small
-        outputs = self._detector(square[..., ::-1] / 127.5 - 1)
-        number = len(self._anchors)
-        scores = outputs[number].ravel()
-        points = (
-            outputs[12 * number].reshape(number, 6, 2)[:, [HIP, TOP]] + self._anchors[:, None] * DETECTOR_PX
+        side = max(height, width)
+        top, left = (side - height) // 2, (side - width) // 2
+        borders = top, side - height - top, left, side - width - left
+        square = cv2.resize(
+            cv2.copyMakeBorder(image, *borders, cv2.BORDER_CONSTANT),
+            (DETECTOR_PX, DETECTOR_PX),
+            interpolation=cv2.INTER_AREA,
         )
-        pixels = (points - corner) / scale
-        found = list[Crop]()
-        for place in np.argsort(-scores):
-            if scores[place] < np.log(MIN_SCORE / (1 - MIN_SCORE)) or len(found) == MAX_PEOPLE:
-                break
-            crop = Crop(*pixels[place])
-            if not any(map(crop.is_near, found)):
-                found.append(crop)
-        return found
+        anchors = np.concatenate([
+            np.repeat((np.indices((cells, cells)).reshape(2, -1)[::-1].T + 0.5) / cells, number, axis=0)
+            for cells, number in CELLS.items()
+        ])  # fmt: skip
+        outputs = self._detector(square[..., ::-1] / 127.5 - 1)
+        scores = outputs[len(anchors)].ravel()
+        points = outputs[12 * len(anchors)].reshape(-1, 6, 2)[:, [HIP, TOP]] / DETECTOR_PX + anchors[:, None]
+        pixels = points * side - (left, top) - 0.5
+        certain = scores > np.log(MIN_SCORE / (1 - MIN_SCORE))
+        return [Crop(*pixels[place]) for place in np.argsort(-scores) if certain[place]]
 
-    def _look(self, image: Array, crop: Crop) -> tuple[Array, Array, float]:
-        """Return landmarks (39, 2), px, their confidences (39,), and the probability of a person."""
+    def _look(self, image: Array, crop: Crop) -> tuple[Array, float]:
+        """Return landmarks (39, 3), each x and y, px, and confidence; and the probability of a person."""
         warp = crop.image_from_crop
         how = cv2.WARP_INVERSE_MAP | cv2.INTER_LINEAR
         square = cv2.warpAffine(image, warp, (LANDMARK_PX, LANDMARK_PX), flags=how)
         outputs = self._landmarks(square[..., ::-1] / 255.0)
         landmarks = outputs[195].reshape(39, 5)
-        confidence = 1 / (1 + np.exp(-landmarks[:, 3]))
-        return landmarks[:, :2] @ warp[:, :2].T + warp[:, 2], confidence, float(outputs[1].ravel()[0])
+        heat = outputs[39 * HEATMAP_PX**2].reshape(HEATMAP_PX, HEATMAP_PX, 39)
+        # The model counts from the crop's corner, not from the middle of its first pixel.
+        pixels = (_refined(landmarks[:, :2], heat) - 0.5) @ warp[:, :2].T + warp[:, 2]
+        return np.column_stack([pixels, _probability(landmarks[:, 3])]), float(outputs[1].ravel()[0])
 
 
-def _anchors() -> Array:
-    """Return the detector's anchors (2254, 2), as fractions of the image's side."""
-    anchors = list[Array]()
-    for stride in sorted({*STRIDES}):
-        cells = DETECTOR_PX // stride
-        rows, columns = np.mgrid[:cells, :cells]
-        places = (np.stack([columns.ravel(), rows.ravel()], axis=1) + 0.5) / cells
-        anchors.append(np.repeat(places, 2 * STRIDES.count(stride), axis=0))
-    return np.concatenate(anchors)
+def _distinct(crops: Sequence[Crop]) -> list[Crop]:
+    """Return the crops of different people, of each person the first."""
+    kept = list[Crop]()
+    for crop in crops:
+        if not any(map(crop.is_near, kept)):
+            kept.append(crop)
+    return kept
+
+
+def _probability(logits: Array) -> Array:
+    return np.asarray(1 / (1 + np.exp(-logits)))
+
+
+def _refined(points: Array, heat: Array) -> Array:
+    """Return points (n, 2), px of the crop, moved to the middle of the heat, logits (64, 64, n), around each.
+
+    As MediaPipe's `RefineLandmarksFromHeatmap` does; points outside, or without heat, stay as they are.
+    """
+    cells = np.floor(points * (HEATMAP_PX / LANDMARK_PX)).astype(int)
+    column, row = cells.clip(0, HEATMAP_PX - 1).T
+    padded = np.pad(heat, ((REACH, REACH), (REACH, REACH), (0, 0)), constant_values=-np.inf)
+    around = np.lib.stride_tricks.sliding_window_view(padded, (2 * REACH + 1,) * 2, axis=(0, 1))
+    near = _probability(around[row, column, np.arange(len(points))])
+    steps = np.arange(-REACH, REACH + 1)
+    aside = np.stack([near.sum(axis=1) @ steps, near.sum(axis=2) @ steps], axis=1)
+    moved = (cells + aside / near.sum(axis=(1, 2))[:, None]) * (LANDMARK_PX / HEATMAP_PX)
+    is_hot = (near.max(axis=(1, 2)) >= MIN_HEAT) & (cells == np.stack([column, row], axis=1)).all(axis=1)
+    return np.where(is_hot[:, None], moved, points)

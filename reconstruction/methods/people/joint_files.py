@@ -48,7 +48,7 @@ def read_keypoints(folder: Path, dataset: Dataset, cameras: Sequence[str]) -> Ke
     Raises:
         BadInputError: a file is broken, fits no camera or two, or has more frames than its camera.
     """
-    files = _pair(_sources(folder), folder, cameras)
+    files = _pair(folder, cameras)
     labels = {camera: _read(path) for camera, path in files.items()}
     skeleton = next(iter(labels.values())).skeleton
     found = dict[str, dict[int, FrameJoints]]()
@@ -81,24 +81,21 @@ def read_keypoints(folder: Path, dataset: Dataset, cameras: Sequence[str]) -> Ke
     return Keypoints(skeleton, found, f"{folder} ({paired})")
 
 
-def _sources(folder: Path) -> list[Path]:
-    """Return the files of labels, and the folders of JSON files, below a folder."""
+def _pair(folder: Path, cameras: Sequence[str]) -> dict[str, Path]:
+    """Return each camera's file of labels, or folder of JSON files: the one whose path names it.
+
+    Of several cameras that a path names it is that of the longest name.
+    """
     if not folder.is_dir():
         raise BadInputError(f"{folder} is not a folder", hint=HINT)
-    files = [path for path in sorted(folder.rglob("*")) if path.suffix.lower() in (".csv", ".h5", ".json")]
+    files = [path for path in folder.rglob("*") if path.suffix.lower() in (".csv", ".h5", ".json")]
     found = {path.parent if path.suffix.lower() == ".json" else path for path in files}
     # DeepLabCut writes the same labels as H5 and CSV.
-    return sorted(path for path in found if path.suffix != ".h5" or path.with_suffix(".csv") not in found)
-
-
-def _pair(sources: Sequence[Path], folder: Path, cameras: Sequence[str]) -> dict[str, Path]:
-    """Return the source of each camera: the one whose path names it, and no longer name of a camera."""
+    sources = sorted(path for path in found if path.suffix != ".h5" or path.with_suffix(".csv") not in found)
     paired = dict[str, Path]()
     for path in sources:
         text = str(path.relative_to(folder))
-        named = [
-            name for name in cameras if re.search(rf"(?<![A-Za-z0-9]){re.escape(name)}(?!\d)", text, re.I)
-        ]
+        named = [one for one in cameras if re.search(rf"(?<![A-Za-z0-9]){re.escape(one)}(?!\d)", text, re.I)]
         longest = max(named, key=len, default="")
         if longest in paired:
             raise BadInputError(f"{paired[longest]} and {path} are both of the camera {longest}", hint=HINT)
@@ -113,10 +110,10 @@ def _pair(sources: Sequence[Path], folder: Path, cameras: Sequence[str]) -> dict
 
 
 def _read(path: Path) -> Labels:
-    of_file = _read_h5 if path.suffix.lower() == ".h5" else _read_deeplabcut
+    reader = {".h5": _read_h5, ".csv": _read_deeplabcut}.get(path.suffix.lower(), _read_openpose)
     what = f"{path} has no joints of a kind that is known"
     with rejecting(what, ValueError, LookupError, TypeError, AttributeError, *_BROKEN):
-        labels = _read_openpose(path) if path.is_dir() else of_file(path)
+        labels = reader(path)
         if not labels.pixels.size:
             raise ValueError("it is empty")
     return labels
@@ -125,18 +122,16 @@ def _read(path: Path) -> Labels:
 def _read_openpose(folder: Path) -> Labels:
     frames = dict[int, list[Array]]()
     for path in folder.glob("*.json"):
-        number = re.findall(r"\d+", path.stem)
-        content = json.loads(read_text(path))
-        people = [np.array(one["pose_keypoints_2d"], float).reshape(-1, 3) for one in content["people"]]
-        frames[int(number[-1])] = [one for one in people if len(one)]
+        people = [one["pose_keypoints_2d"] for one in json.loads(read_text(path))["people"]]
+        frames[int(re.findall(r"\d+", path.stem)[-1])] = [np.reshape(one, (-1, 3)) for one in people if one]
     first = min(frames) if len(frames) == max(frames) else 0
-    joints = {one.shape[0] for people in frames.values() for one in people}
+    joints = {len(one) for people in frames.values() for one in people}
     if len(joints) > 1 or max(frames) >= MAX_FRAMES:
         raise ValueError("its people have different numbers of joints")
     number = sum(joints)
     values = np.zeros((max(frames) + 1 - first, max(map(len, frames.values())), number, 3))
     for frame, people in frames.items():
-        values[frame - first, : len(people)] = np.array(people).reshape(-1, number, 3)
+        values[frame - first, : len(people)] = np.reshape(people, (-1, number, 3))
     known = {len(skeleton.joints): skeleton for skeleton in SKELETONS.values()}
     skeleton = known.get(number) or Skeleton(tuple(f"joint{k}" for k in range(1, number + 1)), ())
     return Labels(skeleton, np.where(values[..., 2:] > 0, values[..., :2], np.nan), values[..., 2])
@@ -145,28 +140,25 @@ def _read_openpose(folder: Path) -> Labels:
 def _read_deeplabcut(path: Path) -> Labels:
     rows = [row for row in csv.reader(io.StringIO(read_text(path))) if row]
     levels = {row[0]: row for row in rows if row[0] in _DLC_LEVELS}
+    first = levels["coords"].index("x")
+    heads = [levels.get(level, [""] * len(rows[0]))[first:] for level in _DLC_LEVELS[1:]]
     body = rows[len(levels) :]
-    first = next(k for k, coordinate in enumerate(levels["coords"]) if coordinate == "x")
-    columns = list(
-        zip(*(levels.get(level, [""] * len(rows[0]))[first:] for level in _DLC_LEVELS[1:]), strict=True)
-    )
     frames = [int(re.findall(r"\d+", " ".join(row[:first]))[-1]) for row in body]
-    values = [[float(value or "nan") for value in row[first:]] for row in body]
-    return _deeplabcut_labels(columns, frames, np.array(values))
+    values = np.array([[value or "nan" for value in row[first:]] for row in body], float)
+    return _deeplabcut_labels([*zip(*heads, strict=True)], frames, values)
 
 
-def _deeplabcut_labels(columns: Sequence[tuple[str, ...]], frames: Sequence[int], values: Array) -> Labels:
+def _deeplabcut_labels(columns: Sequence[Sequence[str]], frames: Sequence[int], values: Array) -> Labels:
     """Return labels of columns (individual, joint, x|y|likelihood), by the frames of the rows."""
     if max(frames) >= MAX_FRAMES:
         raise ValueError(f"it has a frame {max(frames)}")
-    individuals, joints = (tuple(dict.fromkeys(column[level] for column in columns)) for level in (0, 1))
-    table = np.full((max(frames) + 1, len(individuals), len(joints), 3), np.nan)
+    names, joints = (list(dict.fromkeys(column[level] for column in columns)) for level in (0, 1))
+    table = np.full((max(frames) + 1, len(names), len(joints), 3), np.nan)
     table[frames, :, :, 2] = 1.0
-    for (individual, joint, coordinate), column in zip(columns, values.T, strict=True):
+    for (name, joint, coordinate), column in zip(columns, values.T, strict=True):
         axis = ("x", "y", "likelihood").index(coordinate)
-        table[frames, individuals.index(individual), joints.index(joint), axis] = column
-    names = individuals if any(individuals) else ("",)
-    return Labels(Skeleton(joints, ()), table[..., :2], np.nan_to_num(table[..., 2]), names)
+        table[frames, names.index(name), joints.index(joint), axis] = column
+    return Labels(Skeleton(tuple(joints), ()), table[..., :2], np.nan_to_num(table[..., 2]), tuple(names))
 
 
 class _Plain(pickle.Unpickler):

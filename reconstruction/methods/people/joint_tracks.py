@@ -1,7 +1,6 @@
 """Tracks of joints in one camera's images, each frame at its own time, and where a joint was at any time."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -29,8 +28,7 @@ FramePlaces = dict[int, tuple[FrameJoints, int]]
 """An individual's place among those of each frame, by instant."""
 
 
-@dataclass(eq=False)
-class Track:
+class Track(NamedTuple):
     """One individual in one camera: pixels (frames, joints, 2), without distortion, and confidences.
 
     Unseen joints are NaN, with confidence 0. `times_s` (frames, joints) are of each joint's own row.
@@ -65,10 +63,8 @@ class PixelsAt(NamedTuple):
 def size_of(pixels: Array) -> Array:
     """Return the diagonal (n,) of the box around joints (n, joints, 2), px; NaN where none is known."""
     known = np.isfinite(pixels)
-    high = np.where(known, pixels, -np.inf).max(axis=1)
-    low = np.where(known, pixels, np.inf).min(axis=1)
-    size = np.linalg.norm(high - low, axis=1)
-    return np.where(np.isfinite(size), size, np.nan)
+    sides = np.where(known, pixels, -np.inf).max(axis=1) - np.where(known, pixels, np.inf).min(axis=1)
+    return np.where(known.any(axis=(1, 2)), np.linalg.norm(sides, axis=1), np.nan)
 
 
 def follow_in_camera(joints: CameraJoints, frames: int) -> list[tuple[Array, Array]]:
@@ -96,32 +92,26 @@ def follow_in_camera(joints: CameraJoints, frames: int) -> list[tuple[Array, Arr
 
 def _continue(tracks: list[FramePlaces], instant: int, frame: FrameJoints) -> None:
     """Append a frame's individuals to the tracks that they continue, and begin tracks for the others."""
-    number = len(frame.pixels)
+    number, joints = frame.confidence.shape
     open_tracks = [track for track in tracks if max(track) >= instant - 2]
     steps = np.full((len(open_tracks), number), np.inf)
     for row, track in enumerate(open_tracks):
         last, place = track[max(track)]
         shared = (last.confidence[place] > RELIABLE) & (frame.confidence > RELIABLE)
         apart = np.linalg.norm(frame.pixels - last.pixels[place], axis=2)
-        size = float(size_of(last.pixels[place][None])[0])
-        counted = shared.sum(axis=1)
-        mean = np.where(shared, apart, 0).sum(axis=1) / np.maximum(counted, 1) / max(size, 1.0)
-        steps[row] = np.where(
-            (counted >= min(3, frame.confidence.shape[1])) & (mean < MAX_STEP), mean, np.inf
-        )
-    free = set(range(number))
-    while steps.size and np.isfinite(steps.min()):
+        size = max(float(size_of(last.pixels[place][None])[0]), 1.0)
+        mean = np.where(shared, apart, 0).sum(axis=1) / np.maximum(shared.sum(axis=1), 1) / size
+        usable = (shared.sum(axis=1) >= min(3, joints)) & (mean < MAX_STEP)
+        steps[row, usable] = mean[usable]
+    while np.isfinite(steps).any():
         row, place = (int(index) for index in np.unravel_index(int(steps.argmin()), steps.shape))
         rivals = steps < AMBIGUOUS * max(steps[row, place], 1e-3)
-        same_place, same_row = rivals[:, place].copy(), rivals[row].copy()
-        is_open = same_place.sum() + same_row.sum() > 2
-        steps[same_place if is_open else row] = np.inf
-        steps[:, same_row if is_open else place] = np.inf
-        if is_open:
-            continue
-        open_tracks[row][instant] = frame, place
-        free.discard(place)
-    tracks.extend({instant: (frame, place)} for place in sorted(free))
+        rows, places = np.flatnonzero(rivals[:, place]), np.flatnonzero(rivals[row])
+        if len(rows) == len(places) == 1:
+            open_tracks[row][instant] = frame, place
+        steps[rows] = steps[:, places] = np.inf
+    followed = {track[instant][1] for track in open_tracks if instant in track}
+    tracks.extend({instant: (frame, place)} for place in range(number) if place not in followed)
 
 
 def interpolate(track: Track, at_s: Array, period_s: float, *, nearest: bool = False) -> PixelsAt:
@@ -130,70 +120,44 @@ def interpolate(track: Track, at_s: Array, period_s: float, *, nearest: bool = F
     Cubic through four frames where they follow each other, else linear; a joint is unknown where more than
     one frame is missing. `nearest` takes the nearest frame as it is, within half a period.
     """
-    number = track.pixels.shape[1]
-    found = PixelsAt(
-        np.full((len(at_s), number, 2), np.nan), *(np.zeros((len(at_s), number)) for _ in range(5))
-    )
-    for joint in range(number):
-        known = np.nonzero(np.isfinite(track.pixels[:, joint, 0]))[0]
-        if not len(known):
+    shape = len(at_s), track.pixels.shape[1]
+    found = PixelsAt(np.full((*shape, 2), np.nan), *np.zeros((5, *shape)))
+    for joint in range(shape[1]):
+        known = np.isfinite(track.pixels[:, joint, 0])
+        if not known.any():
             continue
         times, pixels = track.times_s[known, joint], track.pixels[known, joint]
-        right = np.clip(np.searchsorted(times, at_s), 1, max(len(times) - 1, 1)) % len(times)
+        right = np.searchsorted(times, at_s).clip(min(1, len(times) - 1), len(times) - 1)
         left = np.maximum(right - 1, 0)
-        closest = np.where(np.abs(times[left] - at_s) <= np.abs(times[right] - at_s), left, right)
+        step = np.where(right > left, times[right] - times[left], np.inf)
+        along = (at_s - times[left]) / step
+        closest = np.where(along <= 0.5, left, right)
         away = np.abs(times[closest] - at_s)
+        usable = (step <= MAX_GAP * period_s) & ((np.abs(along - 0.5) <= 0.5) | (away <= EDGE * period_s))
         if nearest:
-            usable = away <= period_s
-            weights = np.ones((len(at_s), 1))
-            places, bend = closest[:, None], np.zeros(len(at_s))
-        else:
-            outside = (at_s < times[left]) | (at_s > times[right])
-            usable = (
-                (left < right)
-                & (times[right] - times[left] <= MAX_GAP * period_s)
-                & (~outside | (away <= EDGE * period_s))
-            )
-            usable |= away < 1e-9
-            places, weights, bend = _weights(times, pixels, at_s, left, right, closest, period_s)
-        confidence = track.confidence[known, joint]
-        at = (weights[:, :, None] * pixels[places]).sum(axis=1)
-        step = times[right] - times[left]
-        speed = np.linalg.norm(pixels[right] - pixels[left], axis=1) / np.where(step > 0, step, np.inf)
-        certain = np.minimum(confidence[left], confidence[right])
-        moved = np.linalg.norm(at - pixels[closest], axis=1)
-        values = PixelsAt(at, certain, (weights**2).sum(axis=1), bend, speed, moved)
+            along, usable = along.clip(0, 1).round(), away <= period_s
+        places = np.stack([left - 1, left, right, right + 1], axis=1).clip(0, len(times) - 1)
+        gaps = np.diff(times[places], axis=1)
+        cubic = ((gaps > 0) & (gaps <= MAX_GAP * period_s)).all(axis=1) & (along > 0) & (along < 1)
+        linear = np.stack([0 * along, 1 - along, along, 0 * along], axis=1)
+        weights = linear.copy()
+        # Those with which each polynomial of third degree is met.
+        powers = ((times[places[cubic]] - at_s[cubic, None]) / period_s)[:, None] ** np.arange(4)[:, None]
+        weights[cubic] = np.linalg.solve(powers, np.eye(4)[:, :1])[..., 0]
+        at, straight = ((one[..., None] * pixels[places]).sum(axis=1) for one in (weights, linear))
+        straight[~cubic] = pixels[closest[~cubic]]
+        values = PixelsAt(
+            at,
+            np.minimum(*track.confidence[known, joint][[left, right]]),
+            (weights**2).sum(axis=1),
+            np.linalg.norm(at - straight, axis=1) * CURVED / np.sqrt(2),
+            np.linalg.norm(pixels[right] - pixels[left], axis=1) / step,
+            np.linalg.norm(at - pixels[closest], axis=1),
+        )
+        usable |= away < 1e-9
         for whole, own in zip(found, values, strict=True):
             whole[usable, joint] = own[usable]
     return found
-
-
-def _weights(
-    times: Array, pixels: Array, at_s: Array, left: Array, right: Array, closest: Array, period_s: float
-) -> tuple[Array, Array, Array]:
-    """Return four frames (n, 4), their weights, and the standard deviation of the interpolation, px.
-
-    The weights are Lagrange's; linear where the outer frames are missing, and beyond a track's ends.
-    """
-    before, after = np.maximum(left - 1, 0), np.minimum(right + 1, len(times) - 1)
-    places = np.stack([before, left, right, after], axis=1)
-    nodes = times[places]
-    gaps = np.diff(nodes, axis=1)
-    cubic = ((gaps > 0) & (gaps <= MAX_GAP * period_s)).all(axis=1)
-    weights = np.ones((len(at_s), 4))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        for i in range(4):
-            for j in range(4):
-                if i != j:
-                    weights[:, i] *= (at_s - nodes[:, j]) / (nodes[:, i] - nodes[:, j])
-        share = np.where(right > left, (at_s - times[left]) / (times[right] - times[left]), 0.0)
-    linear = np.stack([np.zeros_like(share), 1 - share, share, np.zeros_like(share)], axis=1)
-    cubic &= (share >= 0) & (share <= 1)
-    weights = np.where(cubic[:, None], weights, linear)
-    at, straight = ((one[:, :, None] * pixels[places]).sum(axis=1) for one in (weights, linear))
-    turn = np.linalg.norm(at - np.where(cubic[:, None], straight, pixels[closest]), axis=1)
-    bend = turn * CURVED / np.sqrt(2)
-    return places, weights, bend
 
 
 def stack(found: Sequence[PixelsAt]) -> PixelsAt:

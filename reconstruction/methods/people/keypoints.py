@@ -85,10 +85,8 @@ def detect_people(
     detectors = {camera: kind(model) for camera in cameras}
 
     def follow(camera: str) -> CameraJoints:
-        found = dict[int, FrameJoints]()
-        for instant in dataset.instants(camera):
-            pixels, confidence = detectors[camera].detect(dataset.image(camera, instant))
-            found[instant] = FrameJoints(pixels, confidence)
+        detect = detectors[camera].detect
+        found = {k: FrameJoints(*detect(dataset.image(camera, k))) for k in dataset.instants(camera)}
         progress.step(f"people in {len(found)} frames of {camera}")
         return found
 

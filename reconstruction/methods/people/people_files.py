@@ -11,6 +11,8 @@ from reconstruction.common.geometry import Array
 from reconstruction.methods.people.people_run import Person
 from reconstruction.methods.people.skeletons import Skeleton
 
+MIN_RUN = 4
+"""Fewest positions after each other that are smoothed."""
 COLUMNS = ("time_s", "person", "joint", "x", "y", "z", "error_95", "cameras", "reprojection_px")
 
 
@@ -84,17 +86,15 @@ def smoothed(positions: Array, rate_hz: float, cutoff_hz: float) -> Array:
     under four positions stay as they are.
     """
     smooth = positions.copy()
-    for joint in range(positions.shape[1]):
-        known = np.isfinite(positions[:, joint, 0])
-        edges = np.nonzero(np.diff(known.astype(int), prepend=0, append=0))[0].reshape(-1, 2)
-        for begin, end in edges:
-            if end - begin >= 4:
-                extra = min(end - begin - 1, int(2 * rate_hz / cutoff_hz) + 3)
-                run = np.pad(
-                    positions[begin:end, joint], ((extra, extra), (0, 0)), "reflect", reflect_type="odd"
-                )
+    for path, own in zip(positions.transpose(1, 0, 2), smooth.transpose(1, 0, 2), strict=True):
+        for run in np.ma.clump_unmasked(np.ma.masked_invalid(path[:, 0])):  # type: ignore[no-untyped-call]
+            extra = min(run.stop - run.start - 1, int(2 * rate_hz / cutoff_hz) + 3)
+            if extra >= MIN_RUN - 1:
+                long = np.pad(path[run], ((extra, extra), (0, 0)), "reflect", reflect_type="odd")
                 # Forth and back, the gain of 0.5 ** 0.5 is reached at 0.802 times each pass' own frequency.
-                own = np.fft.rfftfreq(len(run), 1 / rate_hz) / (cutoff_hz / 0.802)
-                passed = np.fft.irfft(np.fft.rfft(run, axis=0) / (1 + own[:, None] ** 4), len(run), axis=0)
-                smooth[begin:end, joint] = passed[extra : extra + end - begin]
+                bands = np.fft.rfftfreq(len(long), 1 / rate_hz) / (cutoff_hz / 0.802)
+                passed = np.fft.irfft(
+                    np.fft.rfft(long, axis=0) / (1 + bands[:, None] ** 4), len(long), axis=0
+                )
+                own[run] = passed[extra:-extra]
     return smooth

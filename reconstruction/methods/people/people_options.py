@@ -36,6 +36,7 @@ class PeopleOptions(Method, frozen=True, kw_only=True):
             help="Use joints that another program found: OpenPose's JSON, DeepLabCut's CSV or H5, SLEAP's "
             "analysis H5; a file or folder for each camera.",
         ),
+        flag("--keypoints", metavar="FOLDER", help="Compare joints of people that another program found."),
     ] = None
     rate: Annotated[
         float | None,

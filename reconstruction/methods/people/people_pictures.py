@@ -1,6 +1,6 @@
 """People to look at: joints drawn into each camera's images, films of them, and plots with error bands."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 
 import cv2
@@ -30,13 +30,12 @@ def draw_people(image: Array, view: View, found: PeopleInTime, time: int) -> Arr
     for number, person in enumerate(found.people):
         colour = COLOURS[number % len(COLOURS)]
         camera = person.positions[time] @ view.rotation.T + view.translation
-        ahead = np.isfinite(camera[:, 0]) & (camera[:, 2] > 1e-6)
-        pixels = np.full((len(camera), 2), np.nan)
-        pixels[ahead] = view.project(camera[ahead])
+        ahead = np.flatnonzero(camera[:, 2] > 1e-6)
+        pixels = view.project(camera[ahead])
         places = {
             k: (round(x), round(y))
-            for k, (x, y) in enumerate(pixels.tolist())
-            if ahead[k] and abs(x) + abs(y) < FAR_PX
+            for k, (x, y) in zip(ahead.tolist(), pixels.tolist(), strict=True)
+            if abs(x) + abs(y) < FAR_PX
         }
         for a, b in found.skeleton.bones:
             if a in places and b in places:
@@ -48,83 +47,81 @@ def draw_people(image: Array, view: View, found: PeopleInTime, time: int) -> Arr
     return np.asarray(cv2.addWeighted(picture, 0.75, shade, 0.25, 0))
 
 
-def write_pictures(folder: Path, dataset: Dataset, views: Mapping[str, View], found: PeopleInTime) -> None:
-    """Write a picture of each camera at the time at which most joints are known."""
+def write_pictures(folder: Path, dataset: Dataset, views: Mapping[str, View], found: PeopleInTime) -> Array:
+    """Write a picture of each camera at the time at which most joints are known; return the first one."""
     folder.mkdir()
     known = np.sum([np.isfinite(person.error).sum(axis=1) for person in found.people], axis=0)
     time = int(np.argmax(known))
-    for name, view in views.items():
-        image = _image(dataset, name, found.times_s[time])
-        write_image(folder / f"{name}.jpg", draw_people(image, view, found, time))
+    pictures = {
+        name: draw_people(_image(dataset, name, found.times_s[time]), view, found, time)
+        for name, view in views.items()
+    }
+    for name, picture in pictures.items():
+        write_image(folder / f"{name}.jpg", picture)
+    return pictures[min(pictures)]
 
 
 def write_films(folder: Path, dataset: Dataset, views: Mapping[str, View], found: PeopleInTime) -> None:
     """Write a film of each camera with the people of each time; PyAV is installed."""
     folder.mkdir()
-    step_ns = (
-        round(float(np.diff(found.times_s).mean()) * 1e9) if len(found.times_s) > 1 else dataset.period_ns
-    )
-
-    def frames(name: str, view: View) -> Iterator[tuple[int, Array]]:
-        for time, at_s in enumerate(found.times_s):
-            picture = draw_people(_image(dataset, name, at_s), view, found, time)
-            yield round((at_s - found.times_s[0]) * 1e9), picture
-
+    times_ns = ((found.times_s - found.times_s[0]) * 1e9).round().astype(int)
+    step_ns = round(float(np.diff(times_ns).mean())) if len(times_ns) > 1 else dataset.period_ns
     for name, view in views.items():
-        write_video(folder / f"{name}.mp4", frames(name, view), (view.width, view.height), step_ns)
+        pictures = (
+            draw_people(_image(dataset, name, at_s), view, found, time)
+            for time, at_s in enumerate(found.times_s)
+        )
+        frames = zip(times_ns.tolist(), pictures, strict=True)
+        write_video(folder / f"{name}.mp4", frames, (view.width, view.height), step_ns)
 
 
 def _image(dataset: Dataset, name: str, at_s: float) -> Array:
     """Return the camera's image nearest to a time."""
-    there = dataset.instants(name)
-    at_ns = [abs(dataset.record(name, k).leader_ns - dataset.instants_ns[0] - at_s * 1e9) for k in there]
-    return dataset.image(name, there[int(np.argmin(at_ns))])
+    at_ns = dataset.instants_ns[0] + at_s * 1e9
+    nearest = min(dataset.instants(name), key=lambda k: abs(dataset.record(name, k).leader_ns - at_ns))
+    return dataset.image(name, nearest)
 
 
 def write_plots(folder: Path, found: PeopleInTime, up: Array, unit: str) -> None:
     """Write an SVG for each person: height and speed of the joints that move most, with their 95 % bands."""
     folder.mkdir()
+    times_s, steps_s = found.times_s, np.diff(found.times_s)
+    template = environment_of(__package__ or "").get_template("plot.svg")
     for number, person in enumerate(found.people, 1):
-        known = [path[np.isfinite(path[:, 0])] for path in person.positions.transpose(1, 0, 2)]
-        extent = np.array([float(path.var(axis=0).sum()) if len(path) else 0.0 for path in known])
-        rows = []
-        for joint in np.argsort(-extent)[:PLOTTED]:
-            height, error = person.positions[:, joint] @ up, person.error[:, joint]
-            if np.isfinite(height).sum() > 2:
-                steps = np.diff(found.times_s)
-                speed = np.linalg.norm(np.diff(person.positions[:, joint], axis=0), axis=1) / steps
-                spread = np.hypot(error[1:], error[:-1]) / steps
-                rows.append({
-                    "joint": printable(found.skeleton.joints[joint]),
-                    "height": _curve(found.times_s, height, error),
-                    "speed": _curve(found.times_s[1:], speed, spread),
-                })  # fmt: skip
-        page = environment_of(__package__ or "").get_template("plot.svg")
-        text = page.render(
-            rows=rows, number=number, unit=unit, begin=found.times_s[0], end=found.times_s[-1], size=PLOT_SIZE
+        extent = np.ma.masked_invalid(person.positions).var(axis=0).sum(axis=1).filled(0.0)
+        rows = list[dict[str, object]]()
+        for joint in [k for k in np.argsort(-extent) if extent[k] > 0][:PLOTTED]:
+            path, error = person.positions[:, joint], person.error[:, joint]
+            speed = np.linalg.norm(np.diff(path, axis=0), axis=1) / steps_s
+            band = np.hypot(error[1:], error[:-1]) / steps_s
+            curves = {
+                "height": _curve(times_s, path @ up, error),
+                "speed": _curve(times_s[1:], speed, band, lowest=0.0) if np.isfinite(speed).any() else {},
+            }
+            rows.append({"joint": printable(found.skeleton.joints[joint]), **curves})
+        text = template.render(
+            rows=rows, number=number, unit=unit, begin=times_s[0], end=times_s[-1], size=PLOT_SIZE
         )
         (folder / f"person{number}.svg").write_text(text, encoding="utf-8")
 
 
-def _curve(times: Array, values: Array, band: Array) -> dict[str, object]:
-    """Return a curve as SVG paths with its band, and the ends of its scale; gaps stay gaps."""
+def _curve(times: Array, values: Array, band: Array, lowest: float = -np.inf) -> dict[str, object]:
+    """Return a curve as SVG paths with its band, and the ends of its scale; gaps stay gaps.
+
+    The scale does not go below `lowest`.
+    """
     known = np.isfinite(values)
-    low, high = float(np.nanmin(values)), float(np.nanmax(values))
-    margin = float(np.nanmedian(band[known])) + 1e-9
-    low, high = low - margin, high + margin
+    margin = float(np.median(band[known])) + 1e-9
+    low, high = max(float(np.nanmin(values)) - margin, lowest), float(np.nanmax(values)) + margin
     width, tall = PLOT_SIZE
     x = (times - times[0]) / max(times[-1] - times[0], 1e-9) * width
-    y = (high - values) / (high - low) * tall
-    wide = np.clip(band, 0, high - low) / (high - low) * tall
-    edges = np.nonzero(np.diff(known.astype(int), prepend=0, append=0))[0].reshape(-1, 2)
-
-    def path(points: Iterable[Array]) -> str:
-        return "M" + "L".join(f"{a:.1f} {b:.1f}" for a, b in points)
-
-    line, upper, lower = (np.column_stack([x, y + sign * wide]) for sign in (0, -1, 1))
+    y, wide = (high - values) / (high - low) * tall, band / (high - low) * tall
+    begins = np.diff(known, prepend=False) & known
+    points = [*zip(begins[known], x[known], y[known], wide[known], strict=True)]
     return {
-        "line": " ".join(path(line[a:b]) for a, b in edges),
-        "band": " ".join(path([*upper[a:b], *lower[a:b][::-1]]) + "Z" for a, b in edges),
+        "line": "".join(f"{'M' if begin else 'L'}{a:.1f} {b:.1f}" for begin, a, b, _ in points),
+        "band": "".join(f"M{a:.1f} {b - c:.1f}V{b + c:.1f}" for _, a, b, c in points),
+        "step": f"{width / max(len(times) - 1, 1) + 0.1:.2f}",
         "low": low,
         "high": high,
     }

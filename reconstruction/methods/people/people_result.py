@@ -9,7 +9,6 @@ import numpy as np
 from capture_app.common.errors import BadInputError
 from capture_app.common.text import count
 from reconstruction.common.geometry import Array
-from reconstruction.common.image_files import read_image
 from reconstruction.common.outputs import Made
 from reconstruction.methods.people.people_files import (
     COLUMNS,
@@ -27,7 +26,6 @@ from reconstruction.methods.people.people_run import PeopleFinder, PeopleInTime,
 from reconstruction.methods.people.people_scene import (
     UPS,
     describe_axes,
-    find_keypoints,
     find_people,
     people_at,
     up_axes,
@@ -102,9 +100,8 @@ class MadePeople(Made[PeopleResult]):
 
     def _of(self, person: int, column: str) -> Array:
         own = self._rows[self._rows["person"] == person]
-        names = {name: place for place, name in enumerate(self.result.joints)}
-        values = np.full((len(self.times_s), len(names)), np.nan)
-        joints = [names[name] for name in own["joint"]]
+        values = np.full((len(self.times_s), len(self.result.joints)), np.nan)
+        joints = [self.result.joints.index(name) for name in own["joint"]]
         values[np.searchsorted(self.times_s, own["time_s"]), joints] = own[column]
         return values
 
@@ -123,19 +120,21 @@ def save_people(scene: Scene, condition: Condition, folder: Path, method: People
     """
     if method.up not in UPS:
         raise BadInputError(f"--up {method.up} is not an axis", hint=", ".join(UPS))
+    scene.dataset.require_cameras(2, "a joint in 3D needs two cameras that see it")
     method.progress.total = (method.keypoints is None) * len(scene.views) + 1 + method.film
-    finder = find_people(scene, method)
+    finder, keypoints = find_people(scene, method)
     found = people_at(scene, finder, condition, method)
     method.progress.step(f"{count(len(found.people), 'individual')} at {len(found.times_s)} times")
     rotation = up_axes(scene, method.up)
     _write(folder, scene, found, rotation, method)
+    left_out = _left_out(finder)
     return PeopleResult(
         session=scene.dataset.name,
-        source=find_keypoints(scene, method).source,
+        source=keypoints.source,
         condition=condition.name,
         unit=scene.unit,
         axes=describe_axes(rotation),
-        cameras=finder.names,
+        cameras=tuple(name for name in finder.names if name not in left_out),
         joints=found.skeleton.joints,
         times=len(found.times_s),
         rate_hz=round(rate_of(found.times_s), 4),
@@ -143,8 +142,8 @@ def save_people(scene: Scene, condition: Condition, folder: Path, method: People
         moved_ms=round(found.moved_ms, 4),
         moved_px=round(found.moved_px, 3),
         people=tuple(_summary(k, person, found.times_s) for k, person in enumerate(found.people, 1)),
-        left_out=_left_out(finder),
-        remarks=(f"{count(alone, 'track')} of single cameras left out: no second camera confirms them",)
+        left_out=left_out,
+        remarks=(f"left out, as no second camera confirms them: {count(alone, 'track')} of one camera each",)
         if (alone := sum(map(len, finder.alone)))
         else (),
     )
@@ -165,8 +164,7 @@ def _write(folder: Path, scene: Scene, found: PeopleInTime, rotation: Array, opt
             write_trc(folder / SMOOTHED / f"{name}.trc", times_s, joints, smooth, scene.unit)
     write_gltf(folder / GLTF, times_s, found.skeleton, upright)
     write_plots(folder / PLOTS, found, rotation[1], scene.unit)
-    write_pictures(folder / PICTURES, scene.dataset, scene.views, found)
-    still = read_image(min((folder / PICTURES).iterdir()))
+    still = write_pictures(folder / PICTURES, scene.dataset, scene.views, found)
     write_people_page(folder, scene.dataset.name, found, scene.views, still)
     if options.film:
         options.progress.step("films")
@@ -191,7 +189,7 @@ def _left_out(finder: PeopleFinder) -> dict[str, str]:
     """Return the cameras that show nobody whom another camera confirms, each with the reason."""
     used = {track.camera for tracks in finder.people for track in tracks}
     seen = {track.camera for track in finder.tracks}
-    odd = "whom it sees fits no other camera: is its calibration its own, and its picture not mirrored?"
+    odd = "who is seen in it fits no other camera: is its calibration its own, and its picture not mirrored?"
     return {
         name: odd if number in seen else "nobody is seen in it"
         for number, name in enumerate(finder.names)

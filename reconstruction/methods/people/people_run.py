@@ -1,15 +1,14 @@
 """People of a session in 3D, at its instants or at any other times."""
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
-from capture_app.session.format.manifest import row_exposures
 from reconstruction.common.geometry import Array, View
-from reconstruction.methods.people.joint_positions import locate, radius_95
+from reconstruction.methods.people.joint_positions import Positions, locate, radius_95
 from reconstruction.methods.people.joint_tracks import (
     PixelsAt,
     Track,
@@ -23,6 +22,7 @@ from reconstruction.methods.people.person_matching import match_tracks
 from reconstruction.methods.people.skeletons import Skeleton
 from reconstruction.scene.conditions import evenly_spaced
 from reconstruction.scene.dataset import Dataset
+from reconstruction.time_offsets.camera_time import ImageTimes
 
 MATCHED_TIMES = 60
 """Number of times, spread over the session, at which tracks are compared."""
@@ -60,32 +60,17 @@ def camera_frames(
     A joint's time is the middle of its row's exposure if all cameras report it, else its frame's. An
     instant is then the middle of the exposures of the images' middle rows.
     """
-    names = [name for name in views if name in keypoints.cameras]
-    cameras = {name: dataset.session.camera(name) for name in names}
-    records = {name: {k: dataset.record(name, k) for k in dataset.instants(name)} for name in names}
-    rows = {
-        name: {k: row_exposures(cameras[name], one) for k, one in of.items()} for name, of in records.items()
-    }
-    middles_ns = [
-        one.middle_ns(one.rows // 2) - records[name][k].leader_ns
-        for name, of in rows.items()
-        for k, one in of.items()
-        if one is not None
-    ]
-    knows_rows = bool(middles_ns) and len(middles_ns) == sum(map(len, records.values()))
-    middle_ns = float(np.median(middles_ns)) if knows_rows else 0.0
-    found = dict[str, CameraFrames]()
+    names = [name for name in views if name in keypoints.cameras and dataset.instants(name)]
+    times, found = ImageTimes(dataset, names), dict[str, CameraFrames]()
+    images = [(name, k) for name in names for k in dataset.instants(name)]
+    middle_ms = float(np.median([times.middle_ms(*image) - times.at_ms(*image) for image in images]))
     for name in names:
-        frame_s, row_s = np.full(len(dataset.instants_ns), np.nan), 0.0
-        for k, record in records[name].items():
-            exposures = rows[name][k] if knows_rows else None
-            at_ns = record.leader_ns if exposures is None else exposures.middle_ns(0)
-            frame_s[k] = (at_ns - middle_ns - dataset.instants_ns[0]) / 1e9
-            if exposures is not None:
-                row_s = exposures.row_time_ns / 1e9 * exposures.rows / views[name].height
-        error_s = (
-            max((one.uncertainty_ns or 0 for one in records[name].values()), default=0) / 1e9 / SIGMAS_95
-        )
+        instants = list(dataset.instants(name))
+        rows_ms = np.array([times.of_rows_ms(name, k, np.arange(2)) for k in instants])
+        frame_s = np.full(len(dataset.instants_ns), np.nan)
+        frame_s[instants] = (rows_ms[:, 0] - middle_ms) / 1e3
+        row_s = float(np.median(np.diff(rows_ms))) / 1e3
+        error_s = max(dataset.record(name, k).uncertainty_ns or 0 for k in instants) / 1e9 / SIGMAS_95
         found[name] = CameraFrames(views[name], frame_s, row_s, error_s, keypoints.cameras[name])
     return found
 
@@ -131,18 +116,21 @@ class PeopleFinder:
     ) -> None:
         self.names, self.frames = tuple(cameras), tuple(cameras.values())
         self.skeleton, self.period_s, self.scale_error = skeleton, period_s, scale_error
-        views = [camera.view for camera in self.frames]
+        views = [one.view for one in self.frames]
         self.projections = np.array(
             [view.matrix @ np.column_stack([view.rotation, view.translation]) for view in views]
         ).reshape(-1, 3, 4)
         self.middle = np.mean([view.centre for view in views], axis=0)
+        # A detector errs by a fraction of a person's size: by more pixels in a camera of more pixels.
+        focal = np.array([view.focal for view in views])[:, None, None]
+        self.magnification = focal / np.median(focal)
         self.tracks = [track for number, one in enumerate(self.frames) for track in _tracks(number, one)]
         busiest = max((one.frame_s[np.isfinite(one.frame_s)] for one in self.frames), key=len)
         times = np.array(evenly_spaced(busiest.tolist(), MATCHED_TIMES))
         seen = [interpolate(track, times, period_s) for track in self.tracks]
         groups = [[self.tracks[place] for place in group] for group in match_tracks(self.tracks, seen, views)]
         self.people = [group for group in groups if len({track.camera for track in group}) > 1]
-        self.alone = [group for group in groups if group not in self.people]
+        self.alone = [group for group in groups if len({track.camera for track in group}) == 1]
         """Individuals that no second camera confirms."""
 
     def at(
@@ -153,7 +141,7 @@ class PeopleFinder:
         `late_s` are delays (n,) by camera: each then shows what it saw that much later. `nearest` takes the
         nearest frames as they are.
         """
-        late = [(late_s or {}).get(name, np.zeros(1)) for name in self.names]
+        late = [(late_s or {}).get(name, 0.0) for name in self.names]
         seen = [
             stack([
                 interpolate(track, times_s + late_by, self.period_s, nearest=nearest)
@@ -163,7 +151,7 @@ class PeopleFinder:
         ]  # fmt: skip
         noise = self._noise(seen)
         people = [self._person(one, noise) for one in seen]
-        moved = [one.moved[np.isfinite(one.pixels[..., 0])] for one in seen]
+        moved = np.concatenate([one.moved[np.isfinite(one.pixels[..., 0])] for one in seen])
         away = [np.nanmin(np.abs(one.frame_s[:, None] - times_s), axis=0) for one in self.frames]
         return PeopleInTime(
             skeleton=self.skeleton,
@@ -171,101 +159,83 @@ class PeopleFinder:
             people=[person for person in people if _is_somebody(person)],
             noise_px=float(np.median(noise)),
             moved_ms=float(np.median(away)) * 1e3,
-            moved_px=float(np.percentile(np.concatenate(moved), 95)) if any(map(len, moved)) else 0.0,
+            moved_px=float(np.percentile(moved, 95)) if len(moved) else 0.0,
         )
 
-    def _whole(self, tracks: Sequence[Track]) -> list[Track]:
-        """Return one track a camera of an individual, of those that never share a frame."""
-        joints = len(self.skeleton.joints)
-        whole = [
-            Track(
-                number,
-                np.repeat(one.frame_s[:, None], joints, axis=1),
-                np.full((len(one.frame_s), joints, 2), np.nan),
-                np.zeros((len(one.frame_s), joints)),
-            )
-            for number, one in enumerate(self.frames)
-        ]
-        for track in tracks:
-            seen, own = track.frames, whole[track.camera]
-            own.times_s[seen], own.pixels[seen] = track.times_s[seen], track.pixels[seen]
-            own.confidence[seen] = track.confidence[seen]
-        return whole
+    def _whole(self, tracks: Sequence[Track]) -> Iterator[Track]:
+        """Yield one track a camera of an individual, of those that never share a frame."""
+        for number, one in enumerate(self.frames):
+            shape = len(one.frame_s), len(self.skeleton.joints)
+            blank = Track(number, np.full(shape, np.nan), np.full((*shape, 2), np.nan), np.zeros(shape))
+            _, *parts = zip(blank, *(track for track in tracks if track.camera == number), strict=True)
+            yield Track(number, *(np.fmax.reduce(arrays) for arrays in parts))
 
-    def _variances(self, seen: PixelsAt, noise: Array) -> Array:
-        """Return the variances of pixels (cameras, times, joints), px squared, of a noise (joints,), px."""
+    def _locate(self, seen: PixelsAt, noise: Array, start: Array | None = None) -> Positions:
+        """Locate all joints at all times by a noise (joints,), px, of a camera of median focal length."""
         confident = seen.confidence > 0
-        detected = seen.noise * (noise / np.where(confident, seen.confidence, 1.0)) ** 2
+        detected = seen.noise * (noise * self.magnification / np.where(confident, seen.confidence, 1.0)) ** 2
         late = seen.speed * np.array([one.error_s for one in self.frames])[:, None, None]
-        return np.where(confident, detected + seen.bend**2 + late**2, np.inf)
+        variances = np.where(confident, detected + seen.bend**2 + late**2, np.inf)
+        cameras = len(self.frames)
+        return locate(
+            self.projections, seen.pixels.reshape(cameras, -1, 2), variances.reshape(cameras, -1), start
+        )
 
     def _noise(self, seen: Sequence[PixelsAt]) -> Array:
         """Return the standard deviation (joints,) of a pixel of full confidence, as residuals show it, px.
 
+        It is that of a camera of the median focal length; in the others it is in proportion to theirs.
         The sum of squares of `c` cameras has 2 c - 3 degrees of freedom; medians are robust to outliers.
         """
         joints = len(self.skeleton.joints)
-        sizes = [size_of(one.pixels.reshape(-1, joints, 2)) for one in seen]
-        known = np.concatenate([np.zeros(0), *sizes])
-        known = known[np.isfinite(known)]
+        sizes = np.concatenate([size_of(one.pixels.reshape(-1, joints, 2)) for one in seen])
+        known = sizes[np.isfinite(sizes)]
         noise = np.full(joints, FIRST_NOISE * float(np.median(known)) if len(known) else 1.0)
-        for _ in range(NOISE_ROUNDS if len(known) else 0):
+        for _ in range(NOISE_ROUNDS):
             ratios = np.concatenate([self._ratios(one, noise) for one in seen])
-            enough = np.isfinite(ratios).sum(axis=0) >= MIN_RESIDUALS
-            pooled = float(np.nanmedian(ratios)) if np.isfinite(ratios).any() else 1.0
-            own = np.full(joints, pooled)
-            own[enough] = np.nanmedian(ratios[:, enough], axis=0)
+            of_joints = [column[np.isfinite(column)] for column in ratios.T]
+            pooled = np.concatenate(of_joints)
+            if not len(pooled):
+                break
+            own = [np.median(one if len(one) >= MIN_RESIDUALS else pooled) for one in of_joints]
             noise = noise * np.sqrt(np.maximum(own, 1e-6))
         return noise
 
     def _ratios(self, seen: PixelsAt, noise: Array) -> Array:
         """Return sums of squared residuals (times, joints), relative to their median if `noise` is right."""
-        shape, expected = seen.confidence.shape, self._variances(seen, noise)
-        found = locate(self.projections, seen.pixels.reshape(shape[0], -1, 2), expected.reshape(shape[0], -1))
-        squared = np.nansum((found.residuals**2).sum(axis=2) / expected.reshape(shape[0], -1), axis=0)
-        freedom = np.maximum(2 * found.used.sum(axis=0) - 3, 1)
+        found = self._locate(seen, noise)
+        freedom = np.maximum(2 * found.cameras - 3, 1)
         # The median of a chi-squared distribution, by Wilson and Hilferty.
-        ratios = squared / (freedom * (1 - 2 / (9 * freedom)) ** 3)
-        return np.where(found.used.any(axis=0), ratios, np.nan).reshape(shape[1:])
+        ratios = found.misfit / (freedom * (1 - 2 / (9 * freedom)) ** 3)
+        return np.where(found.cameras > 0, ratios, np.nan).reshape(seen.confidence.shape[1:])
 
     def _person(self, seen: PixelsAt, noise: Array) -> Person:
-        shape, variances = seen.confidence.shape, self._variances(seen, noise)
-        cameras = shape[0]
-        given = self.projections, seen.pixels.reshape(cameras, -1, 2), variances.reshape(cameras, -1)
-        first = locate(*given).points
+        shape = seen.confidence.shape[1:]
         # Where cameras disagree, those are believed that agree with the times around.
-        near = _running_median(first.reshape(*shape[1:], 3)).reshape(-1, 3)
-        found = locate(*given, near)
-        if (lost := np.isnan(found.points[:, :1]) & np.isfinite(first)).any():
-            found = locate(*given, np.where(lost, first, near))
+        first = self._locate(seen, noise).points
+        near = _running_median(first.reshape(*shape, 3)).reshape(-1, 3)
+        lost = np.isnan(self._locate(seen, noise, near).points)
+        found = self._locate(seen, noise, np.where(lost, first, near))
         away = found.points - self.middle
         covariance = found.covariance + self.scale_error**2 * away[:, :, None] * away[:, None]
-        unknown = np.isnan(found.points[:, 0])
-        return Person(
-            positions=found.points.reshape(*shape[1:], 3),
-            error=np.where(unknown, np.nan, radius_95(covariance)).reshape(shape[1:]),
-            residual_px=np.where(unknown, np.nan, found.residual_px).reshape(shape[1:]),
-            cameras=found.used.sum(axis=0).reshape(shape[1:]),
-        )
+        parts = radius_95(covariance), found.residual_px, found.cameras
+        return Person(found.points.reshape(*shape, 3), *(part.reshape(shape) for part in parts))
 
 
-def _tracks(number: int, camera: CameraFrames) -> list[Track]:
-    """Return the tracks of one camera's individuals, without what lies outside its images."""
-    view, tracks = camera.view, list[Track]()
+def _tracks(number: int, camera: CameraFrames) -> Iterator[Track]:
+    """Yield the tracks of one camera's individuals, without what lies outside its images."""
+    view, there = camera.view, np.isfinite(camera.frame_s)[:, None]
     for pixels, confidence in follow_in_camera(camera.joints, len(camera.frame_s)):
-        inside = ((pixels > -0.5) & (pixels < np.array([view.width, view.height]) - 0.5)).all(axis=2)
-        inside &= np.isfinite(camera.frame_s)[:, None]
-        pixels[~inside], confidence[~inside] = np.nan, 0.0
-        times = camera.frame_s[:, None] + camera.row_s * np.nan_to_num(pixels[..., 1])
-        pixels[inside] = view.undistort(pixels[inside])
-        tracks.append(Track(number, times, pixels, confidence))
-    return tracks
+        inside = there & (np.abs((pixels + 0.5) / (view.width, view.height) - 0.5) < 0.5).all(axis=2)
+        straight = np.full_like(pixels, np.nan)
+        straight[inside] = view.undistort(pixels[inside])
+        times = np.where(inside, camera.frame_s[:, None] + camera.row_s * pixels[..., 1], np.nan)
+        yield Track(number, times, straight, np.where(inside, confidence, 0.0))
 
 
 def _running_median(points: Array) -> Array:
     """Return the medians (times, joints, 3) of known points over `AROUND` times before and after each."""
-    padded = np.full((len(points) + 2 * AROUND, *points.shape[1:]), np.nan)
-    padded[AROUND : AROUND + len(points)] = points
+    padded = np.pad(points, ((AROUND, AROUND), (0, 0), (0, 0)), constant_values=np.nan)
     windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * AROUND + 1, axis=0)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)

@@ -8,6 +8,7 @@ import numpy as np
 
 from capture_app.common.errors import NotApplicableError
 from reconstruction.common.geometry import Array
+from reconstruction.methods.people.joint_files import read_keypoints
 from reconstruction.methods.people.keypoints import Keypoints, detect_people
 from reconstruction.methods.people.people_options import PeopleOptions
 from reconstruction.methods.people.people_run import PeopleFinder, PeopleInTime, Person, camera_frames
@@ -18,7 +19,7 @@ from reconstruction.scene.scene import Scene
 
 UPS = ("auto", "x", "y", "z", "-x", "-y", "-z")
 """Values of `--up`."""
-WHOLE = "two cameras at least must see a person whole, from different sides"
+WHOLE = "two cameras at least must see a person whole and large, from different sides; or give --keypoints"
 
 
 class PeopleInstant(NamedTuple):
@@ -29,48 +30,35 @@ class PeopleInstant(NamedTuple):
     joints: Person
 
 
-def find_keypoints(scene: Scene, method: PeopleOptions) -> Keypoints:
-    """Return the joints in a session's images: read from files, or detected once for all runs of a scene.
-
-    Raises:
-        SimulshotError: files cannot be read, or the detector is not there.
-    """
-    cameras = list(scene.views)
-    if method.keypoints is not None:
-        from reconstruction.methods.people.joint_files import read_keypoints
-
-        return read_keypoints(Path(method.keypoints), scene.dataset, cameras)
-    key = "keypoints", method.detector, method.model
-    return scene.once(
-        key, lambda: detect_people(scene.dataset, cameras, method.detector, method.model, method.progress)
-    )
-
-
-def find_people(scene: Scene, method: PeopleOptions) -> PeopleFinder:
-    """Match the individuals of all cameras.
+def find_people(scene: Scene, method: PeopleOptions) -> tuple[PeopleFinder, Keypoints]:
+    """Return the individuals of all cameras, matched once for all runs of a scene, and their joints in them.
 
     Raises:
         NotApplicableError: fewer than two cameras are calibrated, or nobody is seen by two of them.
         SimulshotError: there are no joints, or no calibration.
     """
-    scene.dataset.require_cameras(2, "a joint in 3D needs two cameras that see it")
-    if len(scene.views) < 2:
+    key = "people", method.keypoints, method.detector, method.model
+    return scene.once(key, lambda: _find_people(scene, method))
+
+
+def _find_people(scene: Scene, method: PeopleOptions) -> tuple[PeopleFinder, Keypoints]:
+    dataset = scene.dataset
+    if len(cameras := list(scene.views)) < 2:
         raise NotApplicableError(
-            f"only {' and '.join(scene.views) or 'no camera'} is calibrated; a joint in 3D needs two cameras",
+            f"only {' and '.join(cameras) or 'no camera'} is calibrated; a joint in 3D needs two cameras",
             hint="calibrate the session: reconstruct calibrate SESSION",
         )
-    keypoints = find_keypoints(scene, method)
-    period_s = scene.dataset.period_ns / 1e9
-    frames = camera_frames(scene.dataset, scene.views, keypoints)
-    finder = PeopleFinder(frames, keypoints.skeleton, period_s, scene.scale_error)
+    if method.keypoints is None:
+        keypoints = detect_people(dataset, cameras, method.detector, method.model, method.progress)
+    else:
+        keypoints = read_keypoints(Path(method.keypoints), dataset, cameras)
+    frames = camera_frames(dataset, scene.views, keypoints)
+    finder = PeopleFinder(frames, keypoints.skeleton, dataset.period_ns / 1e9, scene.scale_error)
     if not finder.people:
-        seen = {finder.names[track.camera] for track in finder.tracks}
-        what = f"somebody is seen by {' and '.join(sorted(seen))}, but" if seen else "nobody is seen:"
-        raise NotApplicableError(
-            f"{what} no two cameras see the same person",
-            hint=WHOLE,
-        )
-    return finder
+        seen = sorted({finder.names[track.camera] for track in finder.tracks})
+        what = f"somebody is seen by {' and '.join(seen)}, but no two cameras see the same person"
+        raise NotApplicableError(what if seen else f"nobody is seen by {' or '.join(cameras)}", hint=WHOLE)
+    return finder, keypoints
 
 
 def people_at(
@@ -102,10 +90,7 @@ def people_at(
 
 def instants_of_people(scene: Scene, condition: Condition, method: PeopleOptions) -> Iterator[PeopleInstant]:
     """Yield the people at each of a method's instants."""
-    finder = scene.once(
-        ("people", method.keypoints, method.detector, method.model), lambda: find_people(scene, method)
-    )
-    found = people_at(scene, finder, condition, method)
+    found = people_at(scene, find_people(scene, method)[0], condition, method)
     for number, instant in enumerate(scene.dataset.chosen_instants(method.instants)):
         people = zip(*([array[number] for array in person] for person in found.people), strict=True)
         yield PeopleInstant(instant, found.skeleton, Person(*map(np.array, people)))
@@ -127,6 +112,5 @@ def up_axes(scene: Scene, up: str) -> Array:
 
 def describe_axes(rotation: Array) -> str:
     """Describe `up_axes` for people: which axis of the calibration each of the file's is."""
-    signs = {1: "", -1: "-"}
-    named = [f"{signs[int(row[np.abs(row).argmax()])]}{'xyz'[int(np.abs(row).argmax())]}" for row in rotation]
-    return f"x = {named[0]}, y (up) = {named[1]}, z = {named[2]} of the calibration"
+    x, y, z = (f"{'-' * bool(row.sum() < 0)}{'xyz'[int(np.abs(row).argmax())]}" for row in rotation)
+    return f"x = {x}, y (up) = {y}, z = {z} of the calibration"

@@ -5,8 +5,6 @@ from typing import Any
 import numpy as np
 
 from reconstruction.common.geometry import Array
-from reconstruction.method.comparison_results import CompareResult
-from reconstruction.method.phrases import EACH_DELAYED
 from reconstruction.method.score import UNASKED, Score
 from reconstruction.method.study_result import StudyResult
 from reconstruction.method.tally import CONDITIONS, Measurements
@@ -15,9 +13,6 @@ from reconstruction.methods.people.people_method import PeopleMethod
 from reconstruction.methods.people.people_scene import PeopleInstant
 from reconstruction.scene.conditions import Condition
 from reconstruction.scene.instant_choice import ShownInstant
-
-WORSE = 1.1
-"""Ratio of reprojection errors from which on the conditions clearly differ."""
 
 
 class PeopleStudy(Score):
@@ -28,26 +23,14 @@ class PeopleStudy(Score):
     min_cameras = 2
     Options = PeopleMethod
 
-    @classmethod
-    def verdict(cls, result: CompareResult, found: StudyResult[Any]) -> str:
-        """Return by how much joints of delayed images are off, if that is clear; see `Score.verdict`."""
-        moved, errors = found.value("moved", "offset"), found.first_known("reprojection_px")
-        if moved is None or errors is None or errors[2] < WORSE * errors[1]:
-            return ""
-        when = "pictures of one instant" if result.together(found.cameras) else "the pictures as recorded"
-        return (
-            f"Joints of people in {when} fit the cameras to {errors[1]:.1f} px; with {EACH_DELAYED}, to "
-            f"{errors[2]:.1f} px, and they are {moved:.3g} units of the calibration elsewhere."
-        )
-
     @property
     def steps(self) -> int:
-        """Maximum number of progress lines: one for each camera, if people are asked for."""
-        return 0 if self.unasked() else len(self.dataset.cameras)
+        """Maximum number of progress lines: one for each camera in which people are searched for."""
+        return 0 if self.unasked() or self.options.keypoints else len(self.dataset.cameras)
 
     def unasked(self) -> str:
         """Return a reason unless people are asked for, as a detector takes a while; see `Score.unasked`."""
-        asked = self.options.people or self.text.name in self.context.studies
+        asked = self.options.people or self.options.keypoints or self.text.name in self.context.studies
         return "" if asked else f"{UNASKED} (--people makes it)"
 
     def prepare(self) -> None:

@@ -6,7 +6,7 @@ from itertools import combinations
 import numpy as np
 
 from reconstruction.common.geometry import Array, View
-from reconstruction.methods.people.joint_tracks import RELIABLE, PixelsAt, Track, size_of, stack
+from reconstruction.methods.people.joint_tracks import RELIABLE, PixelsAt, Track, size_of
 from reconstruction.time_offsets.pair_geometry import epipolar_errors_px
 
 MAX_DISTANCE = 0.042
@@ -21,25 +21,20 @@ def match_tracks(tracks: Sequence[Track], seen: Sequence[PixelsAt], views: Seque
     `seen` is where the tracks are at some common times, `views` are the cameras'. Groups of tracks are merged
     by average distance, the nearest first; a camera never has an individual twice in a frame.
     """
-    if (number := len(tracks)) < 2:
-        return [[place] for place in range(number)]
-    costs = _distances(tracks, seen, views)
-    groups = {place: [place] for place in range(number)}
+    sums = _distances(tracks, seen, views)
+    counts, sums = np.isfinite(sums).astype(float), np.nan_to_num(sums)
+    groups = {place: [place] for place in range(len(tracks))}
     # A track shares its frames with itself, too.
     apart = np.array([[a.camera == b.camera and (a.frames & b.frames).any() for b in tracks] for a in tracks])
-    sums, counts = np.nan_to_num(costs), np.isfinite(costs).astype(float)
-    while True:
-        with np.errstate(invalid="ignore", divide="ignore"):
-            mean = np.where((counts > 0) & ~apart, sums / counts, np.inf)
+    while groups:
+        mean = np.where((counts > 0) & ~apart, sums / np.maximum(counts, 1), np.inf)
         first, second = (int(index) for index in np.unravel_index(int(mean.argmin()), mean.shape))
         if mean[first, second] > MAX_DISTANCE:
             break
         groups[first] += groups.pop(second)
-        for matrix in (sums, counts):
+        for matrix in (sums, counts, apart):
             matrix[first] += matrix[second]
             matrix[:, first] += matrix[:, second]
-        apart[first] |= apart[second]
-        apart[:, first] |= apart[:, second]
         apart[second], apart[:, second] = True, True
     return sorted(groups.values(), key=lambda group: -sum(int(tracks[n].frames.sum()) for n in group))
 
@@ -50,14 +45,12 @@ def _distances(tracks: Sequence[Track], seen: Sequence[PixelsAt], views: Sequenc
     NaN where they share too few joints.
     """
     costs = np.full((len(tracks), len(tracks)), np.nan)
-    at = stack(seen)
-    reliable = (at.confidence > RELIABLE) & np.isfinite(at.pixels[..., 0])
-    sizes = np.stack([size_of(one.pixels) for one in seen])
     for first, second in combinations(range(len(tracks)), 2):
-        a, b = (views[tracks[number].camera].undistorted for number in (first, second))
-        both = reliable[first] & reliable[second]
+        one, other = seen[first], seen[second]
+        both = (one.confidence > RELIABLE) & (other.confidence > RELIABLE)
         if tracks[first].camera != tracks[second].camera and both.sum() >= MIN_SHARED:
-            away = epipolar_errors_px(a, b, at.pixels[first][both], at.pixels[second][both])
-            size = np.minimum(sizes[first], sizes[second])[np.nonzero(both)[0]]
+            a, b = (views[tracks[number].camera].undistorted for number in (first, second))
+            away = epipolar_errors_px(a, b, one.pixels[both], other.pixels[both])
+            size = np.minimum(size_of(one.pixels), size_of(other.pixels))[np.nonzero(both)[0]]
             costs[first, second] = costs[second, first] = float(np.median(np.abs(away) / size))
     return costs

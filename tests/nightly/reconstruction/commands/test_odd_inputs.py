@@ -1,7 +1,7 @@
 """Broken and odd calibrations, pictures and manifests: each command ends with a line and an exit code.
 
-All of them through all commands, as processes whose memory is measured, take most of an hour of CPU
-(`make test KIND=odd-inputs`); a few quick ones are always tried.
+All of them through all commands, as processes whose memory is measured, take most of an hour of CPU; a few
+quick ones are unit tests.
 """
 
 import shutil

@@ -22,7 +22,7 @@ from tests.imported import import_one
 
 LATE = 4
 ACROSS_PX = 4.0
-"""A ball 9 to 25 px wide that has moved less than this across the rows may still be matched, in part at 3.5."""
+"""A ball 9 to 25 px wide that has moved less than this across the rows may still be matched."""
 SAME_ROW_PX = 4.0
 DISPARITIES = (60, 260)
 """From the hand that throws to the net, px; nearer things and the background are not asked for."""

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from capture_app.common.errors import NotAvailableError
+from reconstruction.common.geometry import Array
 from reconstruction.methods.people import blazepose_weights
-from reconstruction.methods.people.blazepose import BlazePose, Crop
+from reconstruction.methods.people.blazepose import BlazePose, Crop, _refined
 from reconstruction.methods.people.blazepose_weights import DETECTOR, fetch, find_weights
 from reconstruction.scene.scene import Scene
 from tests.project import JUMPER
@@ -18,13 +19,6 @@ def elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """The only folder that may have weights."""
     monkeypatch.setattr(blazepose_weights, "folders", lambda: [tmp_path])
     return tmp_path
-
-
-def test_missing_weights_are_named_with_the_command_that_fetches_them(elsewhere: Path) -> None:
-    with pytest.raises(NotAvailableError) as raised:
-        find_weights("full")
-    assert DETECTOR in raised.value.what
-    assert raised.value.hint.endswith(" -m reconstruction.methods.people.blazepose_weights full")
 
 
 def test_damaged_weights_are_refused(elsewhere: Path) -> None:
@@ -52,9 +46,34 @@ def test_a_file_that_is_not_the_published_one_is_not_stored(
 
 def test_a_crop_is_upright_and_not_mirrored() -> None:
     crop = Crop(np.array([100.0, 200.0]), np.array([100.0, 100.0]))
-    corner, right = (crop.image_from_crop @ [x, y, 1] for x, y in ((0, 0), (256, 0)))
+    corner, right = (crop.image_from_crop @ [x, y, 1] for x, y in ((-0.5, -0.5), (255.5, -0.5)))
     assert corner.tolist() == pytest.approx([-25, 75])
     assert right.tolist() == pytest.approx([225, 75])
+
+
+def test_a_landmark_is_where_the_model_sees_it() -> None:
+    rows, columns = np.indices((900, 700))
+    light = 250 * np.exp(-((columns - 315) ** 2 + (rows - 415) ** 2) / 2 / 40**2)
+    image = np.repeat(light[..., None], 3, axis=2).astype(np.uint8)
+
+    def see(square: Array) -> dict[int, Array]:
+        """Return landmarks in the middle of the light, from the crop's corner as the model counts."""
+        weights = square[..., 0] / square[..., 0].sum()
+        middle = [(weights * axis).sum() + 0.5 for axis in np.indices(weights.shape)[::-1]]
+        landmarks = np.column_stack([np.tile(middle, (39, 1)), np.full((39, 3), 5.0)])
+        return {195: landmarks, 39 * 64 * 64: np.full((64, 64, 39), -9.0), 1: np.ones(1)}
+
+    detector = BlazePose.__new__(BlazePose)
+    detector._landmarks = see  # type: ignore[assignment]
+    landmarks, _ = detector._look(image, Crop(np.array([320.0, 440.0]), np.array([320.0, 140.0])))
+    assert landmarks[0, :2] == pytest.approx([315, 415], abs=0.1)
+
+
+def test_heat_moves_a_landmark_and_none_leaves_it() -> None:
+    heat = np.full((64, 64, 3), -20.0)
+    heat[10, 20:22, :2] = 5.0
+    points = np.array([[78.0, 38.0], [200.0, 200.0], [-9.0, 30.0]])
+    assert _refined(points, heat) == pytest.approx(np.array([[82, 40], [200, 200], [-9, 30]]), abs=1e-3)
 
 
 def test_the_rendered_jumper_is_one_person_with_its_left_on_its_left() -> None:

@@ -14,14 +14,14 @@ PIXELS = np.array([pixels_of(view, POINTS) for view in VIEWS])
 def test_points_without_noise_are_exact() -> None:
     found = locate(PROJECTIONS, PIXELS, np.ones(PIXELS.shape[:2]))
     assert np.abs(found.points - POINTS).max() < 1e-6
-    assert found.used.all()
+    assert (found.cameras == 4).all()
 
 
 def test_a_wrong_camera_is_left_out() -> None:
     wrong = PIXELS.copy()
     wrong[2] += 300
     found = locate(PROJECTIONS, wrong, np.ones(PIXELS.shape[:2]))
-    assert not found.used[2].any()
+    assert (found.cameras == 3).all()
     assert np.abs(found.points - POINTS).max() < 0.01
 
 
@@ -36,7 +36,7 @@ def test_a_camera_alone_gives_nothing() -> None:
     alone[0] = PIXELS[0]
     found = locate(PROJECTIONS, alone, np.ones(PIXELS.shape[:2]))
     assert np.isnan(found.points).all()
-    assert not found.used.any()
+    assert not found.cameras.any()
 
 
 def test_the_radius_holds_95_percent() -> None:

@@ -79,7 +79,7 @@ class Judged:
 def judge(case: str, images: Mapping[str, InputImage], truth: Mapping[str, Array]) -> Judged:
     """Compute depth from images, and compare it with its true depth (m, 0 = unknown) by camera."""
     calibrated = {name: image.calibrated for name, image in images.items()}
-    misfit_px = check_images(images)[0].error_px
+    misfit_px = check_images(images, refined=False)[0].error_px
     scene = find_rough_scene(calibrated)
     sources = choose_source_views({name: calibrated[name].view for name in scene.points}, scene.points)
     found = match_all_views(calibrated, sources, scene.depth_ranges)

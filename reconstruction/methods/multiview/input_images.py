@@ -112,10 +112,11 @@ def prepare_images(scene: Scene, width_px: int | None = None) -> "InputImages":
     return InputImages(fitted)
 
 
-def check_images(images: Mapping[str, InputImage]) -> tuple[CalibrationCheck, float]:
+def check_images(images: Mapping[str, InputImage], *, refined: bool) -> tuple[CalibrationCheck, float]:
     """Check the images' calibration against points at rest in them, of one instant.
 
-    The second value is the fraction of these points whose depth is right by refined poses; 1.0 if they fit.
+    The second value is the fraction of these points whose depth is right by refined poses; 1.0 if they fit,
+    or if it is not asked for (`refined`).
     """
     views = {camera: image.calibrated.view for camera, image in images.items()}
     features = {}
@@ -128,7 +129,7 @@ def check_images(images: Mapping[str, InputImage]) -> tuple[CalibrationCheck, fl
         )
     check = check_rig(views, features)
     misfit_px = check.error_px or 0.0
-    return check, right_fraction(views, features) if misfit_px > FITTING_PX else 1.0
+    return check, right_fraction(views, features) if refined and misfit_px > FITTING_PX else 1.0
 
 
 class InputImages:

@@ -127,8 +127,9 @@ def model_instant(
     images, sources, rough, maps = maps_found.images, maps_found.sources, maps_found.rough, maps_found.maps
     checked, confidence = None, dict[str, Array]()
     if options.check:
-        checked, right = check_images(maps_found.usable)
-        if not unconfirmed_lenses(scene.source):
+        is_known = not unconfirmed_lenses(scene.source)
+        checked, right = check_images(maps_found.usable, refined=is_known)
+        if is_known:
             errors = checked.error_px, scene.scale_error, right
             confidence = measure_confidence(images, sources, maps, *errors)
     misfit_px = None if checked is None else checked.error_px

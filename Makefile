@@ -5,6 +5,7 @@
 # make test KIND=core   the unit tests without those of cameras, programs, companions and methods
 # make test KIND=system   rigs of processes, browsers, whole comparisons, pages that newcomers read (20 minutes)
 # make test KIND=nightly   all pages, all seeds, crafted files, writers killed at every step (hours; PART=3/12: a twelfth of them)
+# make test NEWEST=1   the unit tests with the newest release of everything, in build/newest
 # make test KIND=phones   the page of phones in real browsers
 # make test KIND=docs   every command line of README and docs, run beside a simulated rig (some minutes)
 # make test KIND=v4l2   the rig on real camera drivers in a virtual machine (slow)
@@ -43,6 +44,7 @@
 # make bench NAME=time-words   what reconstruct time says of forty takes of which single images are off, beside the truth (5 min)
 # make bench NAME=seeds   ten thousand rigs in virtual time, each with the faults and orders of its seed (hours; BENCH=0-299)
 # make bench NAME=flips   flip forty operators of depth, multiview and calibration, and list those that no quick test notices (an hour; BENCH="FOLDER --tests tests/unit/FOLDER")
+# make bench NAME=deletions   delete each branch, handler and private body of bursts' rooms, and list those that no unit test notices (15 min; BENCH="FOLDER --tests tests/unit/FOLDER")
 # make bench NAME=keys   seconds from a key to its answer on the screen, beside five live previews (a minute; BENCH="--load 8")
 # make bench NAME=soak SECONDS=120   burst after burst, whether threads, memory, open files or phase errors grow, and the largest phase error (BENCH="--cameras 5 --every 20")
 # make bench NAME=hostile   hostile datagrams, frames and connections against a running rig (BENCH="--datagrams 10000000 --frames 200000")
@@ -57,7 +59,9 @@
 # make help   all targets
 
 PYTHON ?= python3
-VENV ?= .venv
+# NEWEST=1: an environment of its own, in which all packages are as new as pip finds them.
+VENV ?= $(if $(NEWEST),build/newest,.venv)
+RELEASES := $(if $(NEWEST),--upgrade --upgrade-strategy eager,-c constraints.txt)
 BIN := $(VENV)/bin
 OUT ?= demo
 PYTHONS ?= $(PYTHON)
@@ -165,12 +169,14 @@ BENCH_time-words := benchmarks.reconstruction.time_words
 BENCH_seeds := tests.virtual $(if $(BENCH),,0-9999)
 BENCH_flips := benchmarks.flip_operators $(if $(BENCH),,$(addprefix reconstruction/,depth methods/multiview scene/calibration) \
   --tests tests/unit/reconstruction/depth --tests tests/unit/reconstruction/scene/calibration --tests tests/unit/reconstruction)
+BENCH_deletions := benchmarks.delete_parts $(if $(BENCH),,$(addprefix capture_app/,node/burst session/writing rig) \
+  $(addprefix --tests tests/unit/,node session rig))
 BENCH_keys := benchmarks.screen.keys
 BENCH_soak := benchmarks.endurance.soak --seconds $(SECONDS)
 BENCH_hostile := benchmarks.endurance.hostile
 BENCH_paper := benchmarks.paper paper --markdown docs/paper.md
 
-bench: $(VENV)/.installed$(if $(filter phones seeds flips paper,$(NAME)),-dev)
+bench: $(VENV)/.installed$(if $(filter phones seeds flips deletions paper,$(NAME)),-dev)
 	@$(BIN)/python -m $(or $(BENCH_$(NAME)),$(error there is no NAME=$(NAME): see make help)) $(BENCH)
 
 PICTURES_screenshots := screenshots
@@ -204,12 +210,12 @@ clean:
 $(VENV)/.installed: pyproject.toml constraints.txt $(wildcard reconstruction/depth/*.c) | system
 	@echo "installing into $(VENV) (once, some minutes) ..." >&2
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[reconstruction,people]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check $(RELEASES) -e '.[reconstruction,people]'
 	@$(BIN)/python -m reconstruction.methods.people.blazepose_weights || echo "everything but finding people works" >&2
 	@touch $@
 
 $(VENV)/.installed-dev: $(VENV)/.installed
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev,reconstruction,people]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check $(RELEASES) -e '.[dev,reconstruction,people]'
 	$(BIN)/python -m compileall -q capture_app reconstruction benchmarks
 	@touch $@
 

@@ -71,7 +71,8 @@ def _parse_mark(text: str) -> Mark:
     "--lens",
     type=click.Choice(["auto", "perspective", "fisheye"]),
     default="auto",
-    help="For board: model of the lenses. auto takes a fisheye where the corners demand one.",
+    help="Model of the lenses. auto takes a fisheye where a board's corners demand one. For sfm, choose "
+    "fisheye and give --field-of-view.",
 )
 @click.option(
     "--field-of-view",

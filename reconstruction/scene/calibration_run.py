@@ -98,7 +98,7 @@ class CalibrateOptions:
     lens_recordings: tuple[Path, ...] = ()
     """Sessions in which single cameras see the board, for their lenses."""
     lens: LensModel = LensModel.AUTO
-    """For a board: the model of the lenses."""
+    """Model of the lenses; structure from motion takes perspective ones for `auto`."""
     field_of_view_deg: float | None = None
     """Horizontal field of view, for structure from motion; None = from EXIF, else unknown."""
     distance: tuple[Marks, float] | None = None
@@ -225,7 +225,8 @@ def _candidate(scene: Scene, options: CalibrateOptions) -> _Candidate:
         case CalibrationSource.BOARD | CalibrationSource.CHARUCO:
             return _from_board(scene.dataset, options)
         case CalibrationSource.SFM:
-            calibration = calibrate_from_images(scene.motion, options.field_of_view_deg)
+            fisheyes = options.lens is LensModel.FISHEYE
+            calibration = calibrate_from_images(scene.motion, options.field_of_view_deg, fisheyes=fisheyes)
             views = calibrated_views(scene.dataset, calibration)
             return _Candidate(calibration=calibration, shared=_still_points(scene.features.middle, views))
         case _:

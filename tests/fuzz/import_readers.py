@@ -76,6 +76,12 @@ def read_calibration(name: str) -> Reader:
     return read
 
 
+def read_sidecar(data: bytes, folder: Path) -> None:
+    """RealityCapture's XMP beside its image."""
+    put(folder / "left.jpg", jpeg(0))
+    read_calibration("left.xmp")(data, folder)
+
+
 def read_rig(name: str) -> Reader:
     """A folder with the calibration of a whole rig, by the name of one file of it."""
 

@@ -14,6 +14,7 @@ from tests.fuzz.import_readers import (
     read_gopro,
     read_picture,
     read_rig,
+    read_sidecar,
     read_table,
 )
 from tests.fuzz.network_readers import (
@@ -50,6 +51,12 @@ READERS: dict[str, Reader] = {
     "table": read_table,
     "calibration-toml": read_calibration("camera_array.toml"),
     "calibration-qualisys": read_calibration("rig.qca.txt"),
+    "calibration-kalibr": read_calibration("camchain.yaml"),
+    "calibration-matlab": read_calibration("stereo.mat"),
+    "calibration-metashape": read_calibration("cameras.xml"),
+    "calibration-opensfm": read_calibration("reconstruction.json"),
+    "calibration-realitycapture": read_sidecar,
+    "calibration-ros": read_calibration("left.yaml"),
     "calibration-opencv": read_calibration("left.yml"),
     "calibration-npz": read_calibration("left.npz"),
     "calibration-pickle": read_calibration("cameraIntrinsicsExtrinsics.pickle"),

@@ -59,9 +59,9 @@ class Fault:
         name = _function_at(ast.parse(text), line)
         if not name:
             raise PlantError(f"{self.file}:{line} is in no function: a fault has to change one")
-        code = _code_of(compile(text.replace(self.before, self.after), str(path), "exec"), name)
+        code = code_of(compile(text.replace(self.before, self.after), str(path), "exec"), name)
         module = importlib.import_module(self.file.removesuffix(".py").replace("/", "."))
-        function = _live(module, name)
+        function = live_function(module, name)
         if inspect.getsourcefile(function) != str(path):
             raise PlantError(f"{name} of {self.file} is the function of another file")
         return function, code
@@ -88,7 +88,7 @@ def _function_at(tree: ast.AST, line: int, names: tuple[str, ...] = ()) -> str:
     return ""
 
 
-def _code_of(code: CodeType, name: str) -> CodeType:
+def code_of(code: CodeType, name: str) -> CodeType:
     """Return the code of a function by its qualified name, in a module's code."""
     for part in name.split("."):
         found = [of for of in code.co_consts if isinstance(of, CodeType) and of.co_name == part]
@@ -98,7 +98,7 @@ def _code_of(code: CodeType, name: str) -> CodeType:
     return code
 
 
-def _live(module: Any, name: str) -> FunctionType:
+def live_function(module: Any, name: str) -> FunctionType:
     """Return the function that runs, below its decorators."""
     found = module
     for part in name.split("."):

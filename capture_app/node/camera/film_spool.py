@@ -75,10 +75,6 @@ class SpooledFilm:
         self.unreadable: dict[Path, bytes | None] = {}
         """Indexes of an earlier run with whole lines that are not understood, and these; None for all."""
 
-    def __contains__(self, instant: object) -> bool:
-        """Return whether the film has a frame of that instant, which the leader does not have."""
-        return instant in self._places
-
     def recover(self) -> Iterator[ImageUpload]:
         """Yield the headers of the frames that an earlier run has left, also as files. Raises DiskError."""
         with disk_errors(self._folder):

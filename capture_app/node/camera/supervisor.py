@@ -105,9 +105,8 @@ class ControlKeeper:
             return CameraControls(controls=await self._look(), problems=problems)
 
     async def restore(self) -> None:
-        """Set held controls again and release the locks, after the camera was reopened."""
+        """Set held controls again, after the camera was reopened."""
         async with self._busy:
-            await self._let_go()
             for control, value in self.held.items():
                 with suppress(*REFUSALS):
                     await self._supervisor.camera.set_control(control, value)

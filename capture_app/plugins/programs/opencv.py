@@ -1,8 +1,13 @@
-"""Calibrations as OpenCV users save them: .npz, or YAML and XML of cv2.FileStorage."""
+"""Calibrations as OpenCV users save them: .npz, or YAML and XML of cv2.FileStorage; and MATLAB's .mat.
+
+The .mat has what MATLAB's stereoParametersToOpenCV returns, or is the Calib_Results_stereo.mat of Bouguet's
+toolbox, whose pixels, coefficients and poses are OpenCV's, too.
+"""
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -11,20 +16,30 @@ from capture_app.common.names import natural_order
 from capture_app.session.files.untrusted_files import read_arrays
 from capture_app.session.format.lens import Array
 from capture_app.session.importing.importer import Importer
+from capture_app.session.importing.matlab_arrays import read_mat
 from capture_app.session.importing.opencv_storage import read_storage
 from capture_app.session.importing.views import View, Views, numbers, root_of, rotation_of
 
-_MATRIX = ("mtx", "k", "m", "camera_matrix", "cameramatrix", "intrinsic_matrix", "intrinsic", "intrinsics")
+_MATRIX = (
+    *("mtx", "k", "m", "camera_matrix", "cameramatrix", "intrinsic_matrix", "intrinsic", "intrinsics"),
+    *("intrinsicmatrix", "kk"),
+)
 _MATRIX_NAMES = frozenset(_MATRIX)
-_DISTORTION = ("dist", "d", "distortion_coefficients", "distcoeffs", "dist_coeffs", "distortion")
-_ROTATION, _TRANSLATION = ("r", "rvec", "rotation"), ("t", "tvec", "translation")
+_DISTORTION = (
+    *("dist", "d", "distortion_coefficients", "distcoeffs", "dist_coeffs", "distortion"),
+    *("distortioncoefficients", "kc"),
+)
+_ROTATION = ("r", "rvec", "rotation", "rotationofcamera2")
+_TRANSLATION = ("t", "tvec", "translation", "translationofcamera2")
 _SIDES = (("1", "2"), ("0", "1"), ("l", "r"), ("left", "right"))
 """How the first and the second camera's keys end, such as M1 and M2, mtxL and mtxR, K_left and K_right."""
 _FISHEYES = ("equidistant", "fisheye")
 _SIZE_KEYS = ("image_width", "image_height")
+_BOUGUETS = {"nx": "image_width", "ny": "image_height"}
 _FISHEYE_KEY = "is fisheye"
 """Our own name for what the file says of the model."""
-_SUFFIXES = (".npz", ".yml", ".yaml", ".xml")
+_LOADERS: dict[str, Callable[[Path], Mapping[str, Any]]] = {".npz": read_arrays, ".mat": read_mat}
+_SUFFIXES = (".npz", ".yml", ".yaml", ".xml", ".mat")
 
 Content = Mapping[str, Array]
 _IDENTITY: Content = {"r": np.eye(3), "t": np.zeros(3)}
@@ -116,13 +131,13 @@ def _load(path: Path) -> Content:
     if path.suffix.lower() not in _SUFFIXES:
         raise BadInputError(
             f"{path} is not a calibration file of a known format",
-            hint="known: OpenCV .npz .yml .yaml .xml, Caliscope .toml, Qualisys .qca.txt, "
+            hint="known: OpenCV .npz .yml .yaml .xml, MATLAB .mat, Caliscope .toml, Qualisys .qca.txt, "
             "COLMAP, nerfstudio, ...",
         )
-    values = read_arrays(path) if path.suffix.lower() == ".npz" else read_storage(path)
+    values = _LOADERS.get(path.suffix.lower(), read_storage)(path)
     is_fisheye = values.get("fisheye_model") or str(values.get("distortion_model", "")) in _FISHEYES
     return ({_FISHEYE_KEY: np.ones(1)} if is_fisheye else {}) | {
-        key.lower(): np.atleast_1d(np.asarray(value, np.float64))
+        _BOUGUETS.get(key, key.lower()): np.atleast_1d(np.asarray(value, np.float64))
         for key, value in values.items()
         if isinstance(value, int | float) or (isinstance(value, np.ndarray) and value.dtype.kind in "biuf")
     }
@@ -194,10 +209,10 @@ def _find(content: Content, keys: Sequence[str]) -> Array | None:
 
 
 IMPORTER = Importer(
-    program="OpenCV",
-    help="a calibration's .npz, .yml or .xml of a camera or a pair, or a folder of these",
+    program="OpenCV, MATLAB",
+    help="a calibration's .npz, .yml, .xml or .mat of a camera or a pair, or a folder of these",
     read_calibration=read_calibration,
-    calibration_files=("*calib*.npz", "*calib*.yml", "*calib*.xml"),
+    calibration_files=("*calib*.npz", "*calib*.yml", "*calib*.xml", "Calib_Results_stereo.mat"),
     calibration_per_camera=True,
-    priority=-3,
+    priority=-4,
 )

@@ -4,17 +4,16 @@ Its cameras look along -z with y up. `transform` holds the camera's axes as rows
 x axis in the room) and its position. Lens values are in 1/64 px, except for OpenCV's distortion.
 """
 
-import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 from pathlib import Path
+from xml.etree import ElementTree as ET
 
 import numpy as np
 
 from capture_app.common.errors import BadInputError
-from capture_app.session.files.untrusted_files import rejecting
 from capture_app.session.format.lens import Array
 from capture_app.session.importing.importer import Importer
-from capture_app.session.importing.views import EXPORT_AGAIN, View, Views, numbers, root_of
+from capture_app.session.importing.views import EXPORT_AGAIN, View, Views, numbers, read_xml
 
 _SUBPIXELS = 64.0
 _OPENCV_FROM_QUALISYS = np.diag([1.0, -1.0, -1.0])
@@ -23,10 +22,9 @@ _OPENCV_FROM_QUALISYS = np.diag([1.0, -1.0, -1.0])
 def read_calibration(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) -> Views | None:
     """Read the cameras of a .qca.txt by serial. Raises BadInputError, with the camera, if malformed."""
     path = paths[0][1]
-    if not _is_qualisys(path):
+    # Metashape's document has an element of this name too.
+    if (root := read_xml(path, "calibration")) is None:
         return None
-    with rejecting(f"cannot read the calibration {path}", OSError, ET.ParseError, hint=EXPORT_AGAIN):
-        root = ET.parse(path).getroot()  # noqa: S314 - expat resolves no external entities and limits the rest
     labelled = {camera.get("serial") or str(n): camera for n, camera in enumerate(root.iter("camera"), 1)}
     views = {label: _view(f"{path}: camera {label}", camera) for label, camera in labelled.items()}
     if not views:
@@ -63,13 +61,6 @@ def _attributes(where: str, camera: ET.Element, tag: str, *keys: str) -> Array:
     if (element := camera.find(tag)) is None:
         raise BadInputError(f"{where} has no <{tag}>", hint=EXPORT_AGAIN)
     return np.concatenate([numbers(f"{where}: <{tag}>", element.attrib, key, 1) for key in keys])
-
-
-def _is_qualisys(path: Path) -> bool:
-    if path.is_dir() or path.suffix.lower() not in (".txt", ".xml"):
-        return False
-    # Metashape's document has an element of this name too.
-    return root_of(path) == "calibration"
 
 
 IMPORTER = Importer(

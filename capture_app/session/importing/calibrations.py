@@ -22,7 +22,7 @@ from capture_app.session.format.export_record import ExportRecord
 from capture_app.session.format.lens import Array, distortion_of
 from capture_app.session.importing.importer import load_importers, split_name
 from capture_app.session.importing.recording_sources import Layout
-from capture_app.session.importing.views import EXPORT_AGAIN, View, Views, root_of
+from capture_app.session.importing.views import EXPORT_AGAIN, View, Views, read_json, root_of
 
 Fit = Literal["exact", "crop", "scale"]
 """What to do if images do not have the size at which their camera was calibrated.
@@ -58,6 +58,8 @@ def read_views(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) -> Vie
                 raise BadInputError(f"{first} holds all cameras", hint="give that one only")
             return views
     root = f" (its root is <{name}>)" if (name := root_of(first)) else ""
+    if isinstance(content := None if first.is_dir() else read_json(first), dict):
+        root = f" (its keys are {', '.join([*content][:8])})"
     raise BadInputError(
         f"{first} is not a calibration of a known format{root}",
         hint="capture-app sessions import --help lists the formats",

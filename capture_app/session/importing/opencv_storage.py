@@ -42,6 +42,11 @@ def read_storage(path: Path) -> dict[str, Any]:
     return {str(key): value for key, value in content.items()}
 
 
+def read_yaml(path: Path) -> dict[str, Any]:
+    """Read the values of a YAML file by name, as `read_storage` does; none for any other file."""
+    return read_storage(path) if path.is_file() and path.suffix.lower() in (".yaml", ".yml") else {}
+
+
 class _Loader(yaml.SafeLoader):
     """YAML loader with OpenCV's matrices."""
 
@@ -59,7 +64,8 @@ for name in _MATRICES:
 def _read_yaml(data: bytes) -> Any:
     # OpenCV writes %YAML:1.0, whose colon is not valid YAML.
     text = data.decode("utf-8-sig")
-    return yaml.load(text.partition("\n")[2] if text.startswith("%YAML") else text, _Loader)  # noqa: S506
+    # `rostopic echo` ends each message with the line that begins the next one.
+    return next(yaml.load_all(text.partition("\n")[2] if text.startswith("%YAML") else text, _Loader), None)
 
 
 def _read_xml(data: bytes) -> Any:

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any
+from xml.etree import ElementTree as ET
 
 import msgspec
 import numpy as np
@@ -70,13 +71,23 @@ def root_of(path: Path) -> str:
     return first[1].decode() if first and begin.lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"<") else ""
 
 
+def read_xml(path: Path, root: str) -> ET.Element | None:
+    """Parse an XML file whose first element has this name; None for any other file. Raises BadInputError."""
+    if root_of(path) != root:
+        return None
+    with rejecting(
+        f"cannot read the calibration {path}", OSError, ET.ParseError, LookupError, hint=EXPORT_AGAIN
+    ):
+        return ET.parse(path).getroot()  # noqa: S314 - expat resolves no external entities and limits the rest
+
+
 def numbers(
     where: str, content: Mapping[Any, Any], key: str, *counts: int, hint: str = EXPORT_AGAIN
 ) -> Array:
     """Return the numbers at a key as a flat array. Raises BadInputError if they are missing or invalid."""
     if content.get(key) is None:
         raise BadInputError(f"{where} has no {key}", hint=hint)
-    with rejecting(f"{where}: {key} is not made of numbers", TypeError, ValueError, hint=hint):
+    with rejecting(f"{where}: {key} is not made of numbers", TypeError, ValueError, OverflowError, hint=hint):
         values = np.asarray(content[key], np.float64).ravel()
     if values.size not in counts:
         raise BadInputError(
@@ -85,6 +96,11 @@ def numbers(
     if not np.isfinite(values).all():
         raise BadInputError(f"{where}: {key} has numbers that are not finite", hint=hint)
     return values
+
+
+def number(where: str, content: Mapping[Any, Any], key: str, default: float | None = None) -> float:
+    """Return the number at a key, `default` if it is missing. Raises BadInputError as `numbers` does."""
+    return float(numbers(where, {key: default, **content}, key, 1)[0])
 
 
 def pinhole(fx: float, fy: float, cx: float, cy: float) -> Array:

@@ -2,6 +2,7 @@
 
 from bisect import bisect_right
 from collections.abc import Iterable, Iterator, Set
+from typing import Any
 
 
 class InstantSet(Set[int]):
@@ -14,10 +15,8 @@ class InstantSet(Set[int]):
         for instant in sorted(instants):
             self.add(instant)
 
-    def __contains__(self, instant: object) -> bool:
+    def __contains__(self, instant: Any) -> bool:
         """Return whether an instant is in the set."""
-        if not isinstance(instant, int):
-            return False
         run = bisect_right(self._starts, instant) - 1
         return run >= 0 and instant < self._ends[run]
 

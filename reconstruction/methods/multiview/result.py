@@ -6,7 +6,7 @@ from capture_app.session.reading.take_sheet import PAIR_DEPTH
 from reconstruction.common.outputs import REPORT
 from reconstruction.method.truth import DepthShares
 from reconstruction.scene.calibration.consistency import describe_misfit, describe_turn
-from reconstruction.scene.calibration.structure_from_motion import unconfirmed_lenses
+from reconstruction.scene.calibration.structure_from_motion import no_measurement
 from reconstruction.scene.provenance import Provenance
 
 RESULT = "multiview.json"
@@ -106,8 +106,8 @@ class MultiviewResult(Provenance, frozen=True, kw_only=True):
     @property
     def basis(self) -> str:
         """What the depth rests on, in words: the fit of points at rest, the scale, and what that means."""
-        if lenses := unconfirmed_lenses(self.calibration):
-            return f"warning: this depth is not a measurement: {lenses}; calibrate with a board"
+        if warning := no_measurement(self.calibration):
+            return warning
         expected = self.expected_range or self.expected_within_2pct
         fit = describe_misfit(self.rest_error_px, self.rest_points, expected=expected)
         if self.turn_error is not None:

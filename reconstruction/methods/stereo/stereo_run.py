@@ -24,6 +24,7 @@ from reconstruction.methods.stereo.stereo_pair import (
     find_disparity_range,
 )
 from reconstruction.scene.calibration.consistency import describe_turn, turn_error
+from reconstruction.scene.calibration.structure_from_motion import no_measurement
 from reconstruction.scene.conditions import Condition, evenly_spaced
 from reconstruction.scene.instant_choice import instants_shown
 from reconstruction.scene.pairs import PairChoice
@@ -81,9 +82,10 @@ class StereoDepth(Provenance, frozen=True, kw_only=True):
     """Reasons why pairs cannot make depth, by the two names separated by a comma."""
 
     @property
-    def turn(self) -> str:
-        """What `turn_error` means, in words; empty if it is unknown."""
-        return "" if self.turn_error is None else describe_turn(self.turn_error)
+    def basis(self) -> str:
+        """What the depth rests on, in words: lenses that no image confirms, or what `turn_error` means."""
+        turn = "" if self.turn_error is None else describe_turn(self.turn_error)
+        return no_measurement(self.calibration) or turn
 
 
 class MadeStereo(Made[StereoDepth]):

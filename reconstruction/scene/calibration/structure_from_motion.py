@@ -11,7 +11,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from capture_app.common.errors import NotApplicableError
+from capture_app.common.errors import BadInputError, NotApplicableError
 from capture_app.console.terminal import talk
 from capture_app.session.format.calibration import Calibration, CameraCalibration
 from capture_app.session.reading.decoding import read_exif
@@ -33,6 +33,9 @@ MAX_BELIEVED = 0.08
 """Maximum relative 95 % error of focal lengths at which the images are believed against a given one."""
 GIVEN_ERROR = 0.04
 """Relative error that a given field of view is granted: data sheets and EXIF are rounded."""
+STARTS = (1.0, 1 - GIVEN_ERROR, 1 + GIVEN_ERROR)
+"""Factors of given focal lengths from which these are sought. By the exact one, both poses that a plane
+allows fit a pair equally, and COLMAP's choices for several pairs may contradict each other."""
 MIN_TO_SEPARATE_LENSES = 3
 """Minimum cameras that determine focal lengths; with two whose axes meet, any focal length fits."""
 GUESS = "a guess from these pictures alone"
@@ -55,11 +58,22 @@ FEATURE_FRACTION = 0.6
 """Fraction of the memory budget for all images whose features are extracted at once."""
 
 
-def likely_focal_lengths(dataset: Dataset, field_of_view_deg: float | None = None) -> dict[str, float]:
-    """Return likely focal lengths, px, by camera: from the horizontal field of view, else from EXIF."""
+def likely_focal_lengths(
+    dataset: Dataset, field_of_view_deg: float | None = None, *, fisheyes: bool = False
+) -> dict[str, float]:
+    """Return likely focal lengths, px, by camera: from the horizontal field of view, else from EXIF.
+
+    Raises BadInputError for fisheyes without a field of view: EXIF does not state theirs.
+    """
     if field_of_view_deg is not None:
-        half = math.tan(math.radians(field_of_view_deg) / 2)
-        return {name: dataset.size(name)[0] / 2 / half for name in dataset.cameras}
+        half = math.radians(field_of_view_deg) / 2
+        bent = half if fisheyes else math.tan(half)
+        return {name: dataset.size(name)[0] / 2 / bent for name in dataset.cameras}
+    if fisheyes:
+        raise BadInputError(
+            "fisheyes are found from images only with their field of view",
+            hint="give the horizontal one of the data sheet: --field-of-view 130",
+        )
     known = ((name, _exif_focal_35mm(dataset, name)) for name in dataset.cameras)
     return {
         name: mm / FILM_DIAGONAL_MM * math.hypot(*dataset.size(name)) for name, mm in known if mm is not None
@@ -82,12 +96,12 @@ def refuse_odd_lenses(found: Mapping[str, CameraCalibration], focal_px: Mapping[
         NotApplicableError: a focal length is far from the likely one, or wider than plain lenses are.
     """
     for name, camera in found.items():
-        view_deg = field_of_view_deg(camera)
+        view_deg = field_of_view_deg(camera, camera.fx)
         if (likely := focal_px.get(name)) is None:
             odd, why, exif = view_deg > WIDEST_DEG, "which is unlikely", ""
         else:
             odd = not 1 / MAX_FOCAL_RATIO < camera.fx / likely < MAX_FOCAL_RATIO
-            why = f"not {math.degrees(2 * math.atan(camera.width / 2 / likely)):.0f} as it likely does"
+            why = f"not {field_of_view_deg(camera, likely):.0f} as it likely does"
             exif = "correct the pictures' EXIF, "
         if odd:
             raise NotApplicableError(
@@ -97,9 +111,10 @@ def refuse_odd_lenses(found: Mapping[str, CameraCalibration], focal_px: Mapping[
             )
 
 
-def field_of_view_deg(camera: CameraCalibration) -> float:
-    """Return a camera's horizontal field of view."""
-    return math.degrees(2 * math.atan(camera.width / 2 / camera.fx))
+def field_of_view_deg(camera: CameraCalibration, focal_px: float) -> float:
+    """Return the horizontal field of view of a camera of this model, with this focal length."""
+    half = camera.width / 2 / focal_px
+    return math.degrees(2 * (half if camera.is_fisheye else math.atan(half)))
 
 
 def guess_calibration(motion: SceneMotion) -> Calibration:
@@ -112,12 +127,14 @@ def guess_calibration(motion: SceneMotion) -> Calibration:
     return calibration
 
 
-def calibrate_from_images(motion: SceneMotion, field_of_view_deg: float | None = None) -> Calibration:
+def calibrate_from_images(
+    motion: SceneMotion, field_of_view_deg: float | None = None, *, fisheyes: bool = False
+) -> Calibration:
     """Calibrate the rig with COLMAP from the static content of a burst; the unit of length is arbitrary.
 
     Each camera has one picture, its background: the median over time has no moving objects and little noise,
     and further instants would show the same static points again. The horizontal field of view gives the
-    lenses' initial values; None = from EXIF, if any.
+    lenses' initial values; None = from EXIF, if any. `fisheyes`: all lenses are, instead of perspective ones.
 
     Raises:
         NotAvailableError: COLMAP is not installed here.
@@ -133,7 +150,8 @@ def calibrate_from_images(motion: SceneMotion, field_of_view_deg: float | None =
             "no calibration in the session, and fewer than two cameras with an image to find it from",
             hint="add a calibration.json",
         )
-    focal_px = likely_focal_lengths(dataset, field_of_view_deg)
+    focal_px = likely_focal_lengths(dataset, field_of_view_deg, fisheyes=fisheyes)
+    model = "RADIAL_FISHEYE" if fisheyes else "SIMPLE_RADIAL"
     if len(focal_px) < len(cameras) < MIN_TO_SEPARATE_LENSES:
         raise NotApplicableError(
             "no calibration in the session, and two cameras' images do not determine their lenses",
@@ -145,7 +163,7 @@ def calibrate_from_images(motion: SceneMotion, field_of_view_deg: float | None =
             (root / "images" / name).mkdir(parents=True)
             write_image(root / "images" / name / "background.png", motion.background(name), FAST_PNG)
         if len(cameras) >= MIN_TO_SEPARATE_LENSES:
-            found = _found(pycolmap, dataset, cameras, root, focal_px, held=False)
+            found = _found(pycolmap, dataset, cameras, root, focal_px, model, held=False)
             try:
                 refuse_odd_lenses(found[0].cameras, focal_px)
             except NotApplicableError:
@@ -153,13 +171,13 @@ def calibrate_from_images(motion: SceneMotion, field_of_view_deg: float | None =
                     raise
                 with suppress(NotApplicableError):
                     # Without what was given: a wrong lens to begin with leads to wrong poses.
-                    alone = _found(pycolmap, dataset, cameras, root, {}, held=False)
+                    alone = _found(pycolmap, dataset, cameras, root, {}, model, held=False)
                     if max(alone[1], default=math.inf) <= MAX_BELIEVED:
                         return _contradicting(alone, focal_px)
             else:
                 return _contradicting(found, focal_px)
         # The static scene does not determine the lenses: fix them at their likely values.
-        return _found(pycolmap, dataset, cameras, root, focal_px, held=True)[0]
+        return _found(pycolmap, dataset, cameras, root, focal_px, model, held=True)[0]
 
 
 _Found = tuple[Calibration, Sequence[float]]
@@ -176,9 +194,10 @@ def _contradicting(found: _Found, focal_px: Mapping[str, float]) -> Calibration:
     camera, likely = cameras[name], focal_px[name]
     if abs(math.log(camera.fx / likely)) <= worst + GIVEN_ERROR:
         return calibration
-    degrees, wrong = field_of_view_deg(camera), math.degrees(2 * math.atan(camera.width / 2 / likely))
-    # The derivative of 2 atan(w / 2f) by the logarithm of f is the sine of the angle.
-    error = math.degrees(math.sin(math.radians(degrees)) * worst)
+    degrees, wrong, least = (
+        field_of_view_deg(camera, of) for of in (camera.fx, likely, camera.fx * (1 + worst))
+    )
+    error = degrees - least
     text = f"{wrong:.1f} degrees were given; the pictures say {degrees:.1f} ± {error:.1f} ({name})"
     talk(f"{text}: the pictures are believed")
     return msgspec.structs.replace(calibration, source=f"{calibration.source}, {text}")
@@ -190,12 +209,17 @@ def _found(
     cameras: Sequence[str],
     root: Path,
     focal_px: Mapping[str, float],
+    model: str,
     *,
     held: bool,
 ) -> _Found:
-    with tempfile.TemporaryDirectory(dir=root) as work:
-        extraction = _extraction(pycolmap, [dataset.size(name) for name in cameras])
-        rec = _solve(pycolmap, Path(work), focal_px, extraction, held=held)
+    extraction = _extraction(pycolmap, [dataset.size(name) for name in cameras])
+    for start in STARTS[: None if focal_px and not held else 1]:
+        with tempfile.TemporaryDirectory(dir=root) as work:
+            lenses_px = {name: focal * start for name, focal in focal_px.items()}
+            rec = _solve(pycolmap, Path(work), lenses_px, extraction, model, held=held)
+        if rec is not None:
+            break
     advice = f", {GIVE_LENSES}" if len(focal_px) < len(cameras) else ""
     if rec is None:
         raise NotApplicableError(
@@ -243,6 +267,12 @@ def unconfirmed_lenses(source: str, *, rough: bool = False) -> str:
     doubt = ROUGH if rough and ROUGH in source else UNCONFIRMED
     _, doubt, why = source.partition(doubt)
     return doubt + why.partition(";")[0]
+
+
+def no_measurement(source: str) -> str:
+    """Return the warning about depth by a calibration with this source; empty if its lenses are confirmed."""
+    lenses = unconfirmed_lenses(source)
+    return f"warning: this depth is not a measurement: {lenses}; calibrate with a board" if lenses else ""
 
 
 def is_guess(source: str) -> bool:
@@ -316,12 +346,13 @@ def _solve(
     work: Path,
     focal_px: Mapping[str, float],
     extraction: Any,
+    model: str,
     *,
     held: bool,
 ) -> Any | None:
     """Return the largest model; `work` is a new folder inside the root. `held`: focal lengths are fixed."""
     root, database = work.parent, work / "database.db"
-    reader = pycolmap.ImageReaderOptions(camera_model="SIMPLE_RADIAL")
+    reader = pycolmap.ImageReaderOptions(camera_model=model)
     pycolmap.set_random_seed(0)
     pycolmap.extract_features(
         database,
@@ -388,8 +419,9 @@ def _cameras(rec: Any, dataset: Dataset) -> dict[str, CameraCalibration]:
 
 def _calibration(image: Any, size: tuple[int, int]) -> CameraCalibration:
     matrix = np.asarray(image.cam_from_world().matrix())
-    focal, cx, cy, radial = (float(value) for value in image.camera.params)
+    focal, cx, cy, *radial = (float(value) for value in image.camera.params)
     # COLMAP's first pixel has its centre at (0.5, 0.5).
     intrinsics = np.array([[focal, 0, cx - 0.5], [0, focal, cy - 0.5], [0, 0, 1]])
-    distortion = np.array([radial, 0, 0, 0, 0])
-    return View(*size, intrinsics, distortion, matrix[:, :3], matrix[:, 3]).to_calibration()
+    fisheye = image.camera.model.name.endswith("FISHEYE")
+    distortion = np.array([*radial, 0, 0] if fisheye else [*radial, 0, 0, 0, 0])
+    return View(*size, intrinsics, distortion, matrix[:, :3], matrix[:, 3], fisheye).to_calibration()

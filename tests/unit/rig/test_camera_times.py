@@ -1,5 +1,6 @@
 """What pictures tell of the cameras' times becomes what is known of their stamps."""
 
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -77,6 +78,16 @@ def test_where_no_camera_knows_its_stamps_they_are_right_against_each_other_only
     assert again["c"].against == "a"
     assert again["c"].against_uncertainty_ns == ASSUMED.uncertainty_ns, "of a's stamps, not of b's"
     assert again["c"].uncertainty_ns == pytest.approx(1.414 * found["b"].uncertainty_ns, rel=0.01)
+
+
+def test_the_errors_of_both_clocks_are_part_of_a_measured_delays_error() -> None:
+    records = {
+        "a": record("a", EXACT, uncertainty_ns=30_000),
+        "b": record("b", WEBCAM, uncertainty_ns=40_000),
+    }
+    light = MeasuredTime(offset_ms=1.0, sd_ms=0.05, source="light")
+    found = measured_stamps(records, MeasuredTimes(reference="a", cameras={"a": REFERENCE, "b": light}))
+    assert found["b"].uncertainty_ns == pytest.approx(math.hypot(98_000, 30_000, 40_000), rel=1e-3)
 
 
 def test_what_could_not_be_told_or_is_known_better_stays_as_it_was() -> None:

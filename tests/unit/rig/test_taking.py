@@ -407,3 +407,9 @@ async def test_a_recording_is_ended(tmp_path: Path) -> None:
             with pytest.raises(BadInputError, match="burst 7 is not a recording under way"):
                 await RigLink(leader.own_address).order(EndBurst(burst=7))
     assert (event.status.name, event.verdict is not None) == ("recording-001", True)
+
+
+def test_a_take_by_its_duration_skips_no_instants() -> None:
+    assert (TakePlan(frames=5).request().frames, TakePlan(frames=5).request().spare) == (5, None)
+    for plan in (TakePlan(frames=5, video=True), TakePlan(frames=5, seconds=2.0)):
+        assert (plan.request().frames, plan.request().spare) == (None, 0)

@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import msgspec
@@ -12,10 +13,12 @@ from capture_app.common.errors import BadInputError, ExitCode, IncompleteError, 
 from capture_app.session.format.manifest import JOURNAL, MANIFEST, BurstRecord, ImageRecord
 from capture_app.session.library.listing import list_sessions
 from capture_app.session.reading.reader import Session, is_being_written
+from capture_app.session.writing import image_store
 from capture_app.session.writing.session_writer import SessionWriter
 from tests.project import ROOT
 
 from .conftest import INSTANTS, calibration_of, camera_record, edit_manifest, fill, jpeg
+from .recorded import frame
 
 
 def test_what_is_written_is_read(session: Session) -> None:
@@ -48,6 +51,36 @@ def test_calibration_is_kept(tmp_path: Path) -> None:
     (session.folder / "calibration.json").write_text('{"schema_version": 2}')
     with pytest.raises(BadInputError, match="schema version 2"):
         session.calibration()
+
+
+def test_of_two_images_of_one_instant_the_first_is_saved(tmp_path: Path) -> None:
+    first = replace(frame("left", 0), true_ns=None)
+    other = replace(first, data=jpeg(1), record=msgspec.structs.replace(first.record, bytes=len(jpeg(1))))
+    with SessionWriter.create(tmp_path, "small") as writer:
+        writer.append([first], in_videos=False)
+        writer.append([other], in_videos=False)
+        writer.sync("left")
+        assert writer.image("left", 0) == first.record
+        assert (writer.folder / first.record.path).read_bytes() == first.data
+
+
+@pytest.mark.parametrize("fails", ["append", "sync"])
+def test_images_that_could_not_all_be_saved_leave_no_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fails: str
+) -> None:
+    first, second = (replace(frame("left", instant), true_ns=None) for instant in (0, 1))
+    if fails == "append":
+        second = replace(second, record=msgspec.structs.replace(second.record, path="../000001.jpg"))
+    full = OSError(28, "No space left on device")
+    with SessionWriter.create(tmp_path, "small") as writer:
+        if fails == "sync":
+            monkeypatch.setattr(image_store, "sync_all", lambda _: {tmp_path: full})
+        with pytest.raises(SimulshotError):
+            writer.save([first, second], in_videos=False)
+        monkeypatch.undo()
+        assert [*writer.folder.rglob("*.jpg")] == []
+        writer.save([first], in_videos=False)
+        assert writer.image("left", 0) == first.record
 
 
 def test_a_session_is_never_overwritten(session: Session) -> None:

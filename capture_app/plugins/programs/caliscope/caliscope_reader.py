@@ -4,9 +4,8 @@ Anipose's calibrations have the same format.
 """
 
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 from capture_app.common.errors import BadInputError
 from capture_app.session.files.untrusted_files import read_text, rejecting
@@ -65,7 +64,12 @@ def read_calibration(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) 
     for key, table in found.items():
         label = str(table.get("name", table.get("cam_id", table.get("port", key))))
         where = f"{path}: camera {label}"
-        _refuse_unread(where, table)
+        if "rotation" not in table and "translation" not in table:
+            raise BadInputError(
+                f"{where} has a lens, but no pose yet",
+                hint="calibrate the poses of the cameras there; or import without --calibration, then: "
+                "reconstruct calibrate SESSION",
+            )
         width, height = numbers(where, table, "size", 2)
         views[label] = View(
             matrix=numbers(where, table, "matrix", 9).reshape(3, 3),
@@ -77,16 +81,6 @@ def read_calibration(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) 
             turned=f"rotation_count {turns}" if (turns := table.get("rotation_count", 0)) else "",
         )
     return Views(views, path.name)
-
-
-def _refuse_unread(where: str, table: Mapping[str, Any]) -> None:
-    """Raise BadInputError for a lens without a pose."""
-    if "rotation" not in table and "translation" not in table:
-        raise BadInputError(
-            f"{where} has a lens, but no pose yet",
-            hint="calibrate the poses of the cameras there; or import without --calibration, then: "
-            "reconstruct calibrate SESSION",
-        )
 
 
 IMPORTER = Importer(

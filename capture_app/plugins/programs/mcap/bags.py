@@ -20,6 +20,7 @@ import numpy as np
 from capture_app.common.errors import BadInputError, reading
 from capture_app.common.names import is_name, name_like
 from capture_app.common.optional_packages import load_optional
+from capture_app.plugins.programs.mcap.camera_info import view_of_info
 from capture_app.session.files.untrusted_files import open_regular, rejecting
 from capture_app.session.importing.frame_matching import TimedFrame, timeline_by_times
 from capture_app.session.importing.recording_sources import Layout, Source
@@ -38,8 +39,6 @@ _PICTURES = (
 _LENSES = ("foxglove.CameraCalibration", "sensor_msgs/msg/CameraInfo")
 _POSES = ("foxglove.FrameTransform", "tf2_msgs/msg/TFMessage")
 _CHANNELS = {"rgb8": 3, "bgr8": 3, "mono8": 1, "8UC1": 1, "8UC3": 3}
-_MODELS = "plumb_bob", "rational_polynomial"
-"""Distortion models whose coefficients are OpenCV's."""
 _NO_LENS = "import with --calibration PATH, or calibrate the session: reconstruct calibrate SESSION"
 _ENCODINGS = {True: "protobuf", False: "cdr"}
 """Message encoding: Foxglove's (True), and ROS 2's."""
@@ -202,22 +201,13 @@ def _views(
         _, pose = poses[picture.frame_id]
         turn, at = pose.rotation, pose.translation
         k, d = (lens.K, lens.D) if hasattr(lens, "K") else (lens.k, lens.d)
-        if len(k) != 9:
-            raise BadInputError(f"{where} has a calibration without K", hint=_NO_LENS)
-        if (model := lens.distortion_model) not in ("", *_MODELS):
-            raise BadInputError(
-                f"{where} has a lens of model {model}, not {' or '.join(_MODELS)}", hint=_NO_LENS
-            )
+        info = {"K": list(k), "D": list(d), "WIDTH": lens.width, "HEIGHT": lens.height}
+        info["distortion_model"] = lens.distortion_model
         rotation = from_quaternion(where, (turn.w, turn.x, turn.y, turn.z)).T
         if "rect" in picture.topic.rpartition("/")[2]:
             raise BadInputError(f"{where}: {picture.topic} is rectified, and its lens is not", hint=_NO_LENS)
-        views[name] = View(
-            matrix=np.array(k).reshape(3, 3),
-            distortion=np.array(d if len(d) else [0.0] * 5),
-            rotation=rotation,
-            translation=-rotation @ np.array([at.x, at.y, at.z]),
-            size=(lens.width, lens.height),
-        )
+        place = -rotation @ np.array([at.x, at.y, at.z])
+        views[name] = view_of_info(where, info, rotation, place, _NO_LENS)
     one_world = len({poses[picture.frame_id][0] for picture in cameras.values()}) == 1
     return Views(views, path.name, "m") if one_world else None
 

@@ -29,6 +29,7 @@ from capture_app.session.importing.views import (
     View,
     Views,
     camera_of,
+    number,
     numbers,
     pinhole,
     read_json,
@@ -127,7 +128,7 @@ def _image(path: Path, content: Mapping[str, Any], frame: Any, cameras: Sequence
             f"{where} is of a {model} camera; only perspective ones and OPENCV_FISHEYE are supported",
             hint="undistort the images to a perspective camera and calibrate again",
         )
-    if _number(where, all_of, "k4", 0.0) and not is_fisheye:
+    if number(where, all_of, "k4", 0.0) and not is_fisheye:
         raise BadInputError(
             f"{where} has a distortion k4; k1, k2, p1, p2, k3 are supported",
             hint="calibrate with k1, k2, p1, p2, k3",
@@ -136,13 +137,13 @@ def _image(path: Path, content: Mapping[str, Any], frame: Any, cameras: Sequence
     label = name if isinstance(name, str) else camera_of(file, cameras)
     pose = numbers(where, all_of, "transform_matrix", 12, 16).reshape(-1, 4)
     rotation = (pose[:3, :3] * _OPENCV_FROM_OPENGL).T
-    width, height = (round(_number(where, all_of, key)) for key in ("w", "h"))
-    fx = _number(where, all_of, "fl_x", _focal_length(where, all_of, "camera_angle_x", width))
-    fy = _number(where, all_of, "fl_y", _focal_length(where, all_of, "camera_angle_y", height) or fx)
-    cx, cy = (_number(where, all_of, key, side / 2) for key, side in (("cx", width), ("cy", height)))
+    width, height = (round(number(where, all_of, key)) for key in ("w", "h"))
+    fx = number(where, all_of, "fl_x", _focal_length(where, all_of, "camera_angle_x", width))
+    fy = number(where, all_of, "fl_y", _focal_length(where, all_of, "camera_angle_y", height) or fx)
+    cx, cy = (number(where, all_of, key, side / 2) for key, side in (("cx", width), ("cy", height)))
     view = View(
         matrix=pinhole(fx, fy, cx - _HALF_PIXEL, cy - _HALF_PIXEL),
-        distortion=np.array([_number(where, all_of, key, 0.0) for key in TERMS[is_fisheye]]),
+        distortion=np.array([number(where, all_of, key, 0.0) for key in TERMS[is_fisheye]]),
         rotation=rotation,
         translation=-rotation @ pose[:3, 3],
         size=(width, height),
@@ -154,17 +155,10 @@ def _image(path: Path, content: Mapping[str, Any], frame: Any, cameras: Sequence
 def _focal_length(where: str, given: Mapping[str, Any], key: str, pixels: int) -> float | None:
     if key not in given:
         return None
-    angle = _number(where, given, key)
+    angle = number(where, given, key)
     if not 0 < angle < math.pi:
         raise BadInputError(f"{where} has the {key} {angle:g}", hint="it is in radians, between 0 and pi")
     return pixels / 2 / math.tan(angle / 2)
-
-
-def _number(where: str, given: Mapping[str, Any], key: str, otherwise: float | None = None) -> float:
-    value = given.get(key, otherwise)
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise BadInputError(f"{where} has no number {key}", hint=EXPORT_AGAIN)
-    return float(value)
 
 
 IMPORTER = Importer(

@@ -7,9 +7,19 @@ import msgspec
 import numpy as np
 import pytest
 
+from capture_app.session.format.lens import Lens, lens_of
 from capture_app.session.reading.reader import Session
 from reconstruction.scene import scene as product
-from tests.unit.reconstruction.conftest import VIEWS, Reconstruct, Scene, write_session
+from tests.unit.reconstruction import conftest
+from tests.unit.reconstruction.conftest import (
+    VIEWS,
+    Board,
+    Reconstruct,
+    Scene,
+    make_view,
+    texture,
+    write_session,
+)
 
 WIDE = {
     name: replace(
@@ -54,3 +64,43 @@ def test_what_is_known_of_a_fisheye_is_checked_against_its_images(
     checked = reconstruct("calibrate", wide.folder, "--from", "session", "--json")
     assert checked.code == 0, checked.err
     assert msgspec.json.decode(checked.out)["quality"]["inlier_share"] > 0.6
+
+
+def test_lenses_are_found_from_images(
+    tmp_path: Path, reconstruct: Reconstruct, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A rig of five whose field of view, 130 degrees, was given 12 degrees too small."""
+    for name, value in (("WIDTH", 480), ("HEIGHT", 360), ("TEXELS", 60)):
+        monkeypatch.setattr(conftest, name, value)
+    rng = np.random.default_rng(7)
+    boards = [Board((-40.0, -40.0, 40.0, 40.0), 5.0, texture(1))]
+    for number in range(26):
+        z = float(rng.uniform(1.8, 4.5))
+        x, y, w, h = z * rng.uniform((-1.9, -1.4, 0.15, 0.15), (1.9, 1.4, 0.4, 0.4))
+        boards.append(Board((x - w, y - h, x + w, y + h), z, texture(10 + number)))
+    true = Lens(
+        np.array([[211.0, 0, 241.0], [0, 211.0, 178.0], [0, 0, 1]]),
+        np.array([-0.02, 0.004, -0.001, 0.0003]),
+        is_fisheye=True,
+    )
+    rig = {
+        f"cam{n}": replace(
+            make_view((0.3 * (n - 2), 0.06 * (n % 2), 0.05 * (n % 3)), yaw=-4.0 * (n - 2)),
+            matrix=true.matrix,
+            distortion=true.distortion,
+            is_fisheye=True,
+        )
+        for n in range(5)
+    }
+    session = write_session(tmp_path, Scene(boards), rig, instants=2, calibrated=False, truth=False)
+    refused = reconstruct("calibrate", session.folder, "--lens", "fisheye")
+    assert "fisheyes are found from images only with their field of view" in refused.complaint
+    found = reconstruct("calibrate", session.folder, "--lens", "fisheye", "--field-of-view", "118", "--json")
+    assert "118.0 degrees were given; the pictures say 1" in found.result["source"]
+    for camera in Session.open(session.folder).calibration().cameras.values():
+        assert camera.is_fisheye
+        assert camera.fx == pytest.approx(211, rel=0.02)
+        pixels = np.array([[241.0, 20.0], [60.0, 178.0], [450.0, 300.0]])
+        rays = (np.column_stack([lens.rays(pixels), np.ones(3)]) for lens in (lens_of(camera), true))
+        ours, theirs = (ray / np.linalg.norm(ray, axis=1, keepdims=True) for ray in rays)
+        assert np.degrees(np.arccos((ours * theirs).sum(1))).max() < 1.0

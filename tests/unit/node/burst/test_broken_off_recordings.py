@@ -39,7 +39,7 @@ from capture_app.session.reading.verify import verify
 from capture_app.session.writing.session_writer import SessionWriter
 from capture_app.sync.phase.frame_grid import FrameGrid
 from capture_app.sync.rig.burst_orders import BurstOrder
-from capture_app.sync.rig.frame_selection import MAX_STREAMED_NS, Burst
+from capture_app.sync.rig.frame_selection import MAX_STREAMED_FRAMES, MAX_STREAMED_NS, Burst
 from capture_app.sync.rig.rig_config import RequestedConfig
 from capture_app.sync.wire.datagrams import Heartbeat, Report, TriggerAck
 from tests.unit.node.bursts import (
@@ -49,6 +49,7 @@ from tests.unit.node.bursts import (
     INSTANTS_NS,
     LEADER,
     PERIOD_NS,
+    burst_session,
     receive_image,
     report,
     upload,
@@ -476,6 +477,21 @@ async def test_the_next_run_orders_the_rest_of_a_recording(
             ack = TriggerAck(member.number, LEADER - 1, 1)
             engine.receive_message(ack, (member.name, 0), StillClock.shown_ns)
         assert triggers_sent(engine, StillClock.shown_ns + 10**9) == []
+
+
+@pytest.mark.parametrize("what", ["a recording", "a burst", "of this run", "being closed", "without an end"])
+async def test_only_the_rest_of_a_recording_with_an_end_can_be_ordered(tmp_path: Path, what: str) -> None:
+    if what == "a burst":
+        session = burst_session(tmp_path, "a")
+    else:
+        session = recording_of(tmp_path, "a", frames=MAX_STREAMED_FRAMES if what == "without an end" else 100)
+    await session.write_plan(LEADER - 1, unix_minus_leader_ns=0)
+    await session.suspend()
+    is_of_this_run, is_closing = what == "of this run", what == "being closed"
+    again = BurstSession.resume(session.folder, 0, DISK, is_of_this_run=is_of_this_run, is_closing=is_closing)
+    now_ns = session.burst.instants_ns[0]
+    assert again.to_continue(now_ns, now_ns) == (LEADER - 1 if what == "a recording" else None)
+    await again.suspend()
 
 
 @pytest.mark.parametrize("what", ["another clock", "another rate", "over"])

@@ -111,6 +111,17 @@ async def test_a_long_wait_for_the_disk_is_told(
     await session.suspend()
 
 
+async def test_a_burst_is_finished_as_soon_as_its_last_image_is_saved(tmp_path: Path) -> None:
+    """Not when its leader next looks after silent cameras."""
+    session = burst_session(tmp_path, "a")
+    await session.accept_report(report("a", 0, 1), 0)
+    for instant in (0, 1):
+        batch = ImageBatch(images=(upload("a", instant),))
+        await (await session.take(batch, pieces(IMAGE), 0))
+    async with asyncio.timeout(20):
+        await session.finished.wait()
+
+
 async def test_whose_report_is_waited_for_is_told(tmp_path: Path) -> None:
     session = burst_session(tmp_path, "a", "cam03", spare=1)
     assert session.status.message == "", "nobody has told anything yet"

@@ -32,6 +32,7 @@ from tests.unit.node.bursts import (
     DISK,
     IMAGE,
     INSTANTS_NS,
+    LEADER,
     PERIOD_NS,
     burst_session,
     pieces,
@@ -116,7 +117,7 @@ OF_B = MissingImage(camera="b", instant=1, reason="its lens is covered", dropped
 @pytest.mark.parametrize(
     "plan",
     [
-        {"missing": (OF_B,)},
+        {"instants": (0,), "missing": (OF_B,)},
         {"instants": (0, 0)},
         {"instants": (0, 1), "missing": (MissingImage(camera="a", instant=1, reason=""),)},
         {"instants": (0, 9)},
@@ -151,6 +152,15 @@ async def test_a_report_that_cannot_be_true_leaves_its_camera_out(
     assert [image.camera for image in manifest.images] == ["b", "b"]
     assert {gap.camera for gap in manifest.missing} == {"a"}
     assert not any(gap.dropped for gap in manifest.missing)
+
+
+async def test_only_the_machine_that_takes_part_in_a_burst_speaks_for_its_camera(tmp_path: Path) -> None:
+    session = burst_session(tmp_path, "a")
+    await session.write_plan(LEADER, pins={"a": "its pin"})
+    for pin in ("its pin", ""):
+        session.check_machine("a", pin)
+    with pytest.raises(BadInputError, match="another machine's camera"):
+        session.check_machine("a", "another pin")
 
 
 async def test_a_report_that_says_nothing_again_and_again_holds_up_no_burst(tmp_path: Path) -> None:

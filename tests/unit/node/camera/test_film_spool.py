@@ -76,3 +76,14 @@ def test_frames_that_a_full_disk_refuses_leave_the_earlier_ones_readable(
     assert film.read(headers(0, 1, 3)) == [IMAGE, None, IMAGE]
     film.close()
     assert [frame.record.instant for frame in SpooledFilm(tmp_path).recover()] == [0, 3]
+    assert film.release([1, 2]) == [], "they were never there"
+    assert film.release([0]) == [tmp_path / "000001.film", tmp_path / "000001.ndjson"]
+
+
+def test_a_frame_that_a_disk_has_lost_in_part_is_not_there(tmp_path: Path) -> None:
+    film = SpooledFilm(tmp_path)
+    film.append(FRAMES[:2])
+    with (tmp_path / "000001.film").open("r+b") as cut:
+        cut.truncate(2 * len(IMAGE) - 1)
+    assert film.read(headers(0, 1)) == [IMAGE, None]
+    film.close()

@@ -237,3 +237,26 @@ async def test_frames_after_the_end_are_dropped_and_not_reported_as_lost(tmp_pat
     upload.commit(None, 2)
     assert ([*upload.images], upload.lost_instants()) == ([0, 1], [])
     spool.close()
+
+
+async def test_a_node_that_is_started_again_goes_on_with_the_recording_it_left(tmp_path: Path) -> None:
+    """Two uploads of it would write into one folder of the spool."""
+    before = Spool(tmp_path, "a")
+    before.open()
+    left = burst_upload(Picture(b"zero"))
+    before.create_burst(left.report).add([encode_frame(left.report, left.frames[0])])
+    before.close()
+    reports: list[CameraReport] = []
+    got: dict[int, bytes] = {}
+
+    async def serve(channel: Channel[ToLeader]) -> None:
+        async for image, data in images(channel, lambda of: reports.append(of) or ReportAck()):
+            got[image.record.instant] = data
+
+    async with uploading(serve, [], Spool(tmp_path, "a")) as uploader:
+        uploader.add_burst(streamed(1))
+        _, second = burst_upload(Picture(b""), Picture(b"one")).frames
+        uploader.extend_burst(further(second, over=2))
+        await until(lambda: len(got) == 2)
+        assert all(report.plan.picking for report in reports), "it is one upload"
+    assert got == {0: b"zero", 1: b"one"}

@@ -70,6 +70,18 @@ def test_what_a_failing_disk_does_not_delete_goes_when_it_is_usable_again(
     spool.close()
 
 
+def test_a_node_that_is_started_again_begins_with_the_burst_it_wrote_first(tmp_path: Path) -> None:
+    spool = Spool(tmp_path, "a")
+    spool.open()
+    for number, written_s in ((1, 20), (2, 10), (3, 30)):
+        burst = spool.create_burst(replace(UPLOAD.report, burst=number))
+        os.utime(burst.folder, (written_s, written_s))
+    spool.close()
+    again = Spool(tmp_path, "a")
+    assert [burst.read_report().burst for burst in again.open()] == [2, 1, 3]
+    again.close()
+
+
 def left_by(spool: Path, number: int) -> Spool:
     """A spool as a node of the camera a uses it, with a burst of that number."""
     using = Spool(free_spool(spool, "a"), "a")

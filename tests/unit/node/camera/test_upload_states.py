@@ -5,6 +5,7 @@ from itertools import product
 import pytest
 
 from capture_app.node.camera.burst_upload import TRANSITIONS, Upload, UploadInput, UploadState
+from capture_app.session.format.manifest import MAX_WIDENED, WidenedTimes
 from tests.unit.node.camera.uploading import Picture, burst_upload
 
 LATER_S = 10.0
@@ -72,3 +73,15 @@ def test_a_refused_burst_is_offered_to_another_leader_only() -> None:
     assert not upload.has_ended
     upload.reopen()
     assert upload.must_be_reported(0.0)
+
+
+def test_times_found_to_be_wrong_too_often_are_wrong_from_the_last_such_time_on() -> None:
+    upload = burst_upload(Picture(b"zero"))
+    for n in range(MAX_WIDENED + 2):
+        spell = {"from_local_ns": 10 * n, "until_local_ns": 10 * n + 5, "uncertainty_ns": 100 - n}
+        upload.widen_times(WidenedTimes(**spell, hard_bound_ns=200 + n, reason="the clock was stepped"))
+    spells = upload.report.plan.camera.widened
+    assert len(spells) == MAX_WIDENED
+    last = spells[-1]
+    assert (last.from_local_ns, last.until_local_ns) == (10 * (MAX_WIDENED - 1), 10 * (MAX_WIDENED + 1) + 5)
+    assert (last.uncertainty_ns, last.hard_bound_ns) == (101 - MAX_WIDENED, 201 + MAX_WIDENED)

@@ -5,12 +5,15 @@ import shutil
 from dataclasses import replace
 from pathlib import Path
 
+import msgspec
 import pytest
 
 from capture_app.common.errors import BadInputError, DiskFullError
 from capture_app.net.channel import Channel
 from capture_app.node.camera.burst_upload import encode_frame
 from capture_app.node.camera.spool import Spool, SpoolFolder, free_spool
+from capture_app.node.camera.uploader import MAX_WAITING_BURSTS, Uploader
+from capture_app.protocol.log import Log
 from capture_app.protocol.messages import (
     CameraReport,
     Refusal,
@@ -226,3 +229,28 @@ async def test_a_burst_whose_session_was_removed_is_named_with_what_to_do(tmp_pa
     what = "burst 1 given up: burst 1 of that leader has no session in /rig (move its session back there)"
     folder = tmp_path / "a/00000001-000001"
     assert said == [f"{what}; its images stay in {folder}: delete that folder to drop them", what]
+
+
+async def test_the_oldest_of_too_many_bursts_is_given_up_while_the_leader_is_lost() -> None:
+    said: list[str] = []
+    uploader = Uploader("a", 1, Log(said.append))
+    for number in range(MAX_WAITING_BURSTS + 2):
+        burst = burst_upload(Picture(b"0"))
+        burst.report = msgspec.structs.replace(burst.report, burst=number)
+        uploader.add_burst(burst)
+    await uploader.aclose()
+    assert said == [f"burst {n} given up: the leader was lost for too long" for n in (0, 1)]
+
+
+async def test_only_the_leader_that_ordered_a_burst_cancels_it() -> None:
+    got = asyncio.Event()
+
+    async def serve(channel: Channel[ToLeader]) -> None:
+        async for _ in images(channel):
+            got.set()
+
+    async with uploading(serve, said := list[str]()) as uploader:
+        uploader.add_burst(burst_upload(Picture(b"0")))
+        uploader.cancel_burst(leader=2, burst=1)
+        await got.wait()
+    assert said == []

@@ -88,6 +88,22 @@ async def test_a_camera_below_a_relay_speaks_for_no_other_of_that_relay(tmp_path
                 assert isinstance(await ask(channel, own), ReportAck)
 
 
+async def test_streams_to_a_leader_that_the_relay_has_lost_are_broken_off(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A leader that lost its power closes none; a node waits for no answer of its own."""
+    async with relays(tmp_path, 1) as (leader, near, trust):
+        camera = introduced(tmp_path, trust, "cam0")
+        async with joined(near.address, ("cam0", RUNS["cam0"]), trust=camera):
+            await until(lambda: "cam0" in [node.name for node in leader.status().nodes])
+            async with await connect(near.address, FromLeader, trust=camera) as channel:
+                own = NodeStream(camera="cam0", instance=RUNS["cam0"])
+                assert isinstance(await ask(channel, own), ReportAck)
+                monkeypatch.setattr(leader.engine, "datagrams_to_send", lambda _: ())
+                async with asyncio.timeout(20):
+                    assert await channel.receive_header() is None
+
+
 async def test_a_relay_takes_no_name_of_a_camera_that_is_paired_with_the_leader(tmp_path: Path) -> None:
     """The pin of that camera is no secret: a standby is given all of them."""
     async with relays(tmp_path, 1) as (leader, near, trust):

@@ -3,7 +3,7 @@
 import asyncio
 import hashlib
 import random
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager
 from pathlib import Path
 
@@ -18,6 +18,7 @@ from capture_app.common.timeouts import (
     CAMERA_DISCONNECTED_NS,
     FORGET_LOST_NS,
     MIN_UPLOAD_BYTES_PER_S,
+    TRIGGER_GIVE_UP_NS,
 )
 from capture_app.machine.repair import repair
 from capture_app.net.udp import Pump
@@ -29,11 +30,19 @@ from capture_app.session.format.manifest import AbsentCamera
 from capture_app.session.library.listing import list_sessions
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verdict import Verdict, judge
-from capture_app.sync.rig.burst_orders import BurstOrder
+from capture_app.sync.rig.burst_orders import CANCELLED, NO_ANSWER, BurstOrder
 from capture_app.sync.rig.events import TriggerAnswered
 from capture_app.sync.rig.leader_engine import Leader, LeaderConfig
 from capture_app.sync.wire.codec import FromClient, decode
-from capture_app.sync.wire.datagrams import Goodbye, Heartbeat, Hello, Report, TimeRequest, Trigger
+from capture_app.sync.wire.datagrams import (
+    Goodbye,
+    Heartbeat,
+    Hello,
+    Report,
+    TimeRequest,
+    Trigger,
+    TriggerAck,
+)
 from capture_app.trust.trust import Trust
 from tests.images import small_jpeg
 from tests.unit.node.bursts import CAMERA, DISK, IMAGE, LEADER, pieces, receive_image, report, upload
@@ -63,8 +72,8 @@ def engine_of(*names: str) -> Leader:
 
 
 @asynccontextmanager
-async def bursts_of(root: Path, engine: Leader) -> AsyncIterator[ActiveBursts]:
-    options = LeaderOptions(sessions=root, clock=StillClock(), trust=Trust.open())
+async def bursts_of(root: Path, engine: Leader, awaited: Sequence[str] = ()) -> AsyncIterator[ActiveBursts]:
+    options = LeaderOptions(sessions=root, clock=StillClock(), trust=Trust.open(), awaited=awaited)
     bursts = ActiveBursts(options, engine, Pump(engine, options.clock, lambda: None))
     try:
         yield bursts
@@ -100,6 +109,39 @@ async def test_a_cancelled_burst_is_forgotten_by_its_nodes(tmp_path: Path) -> No
             await bursts.find_session(late, "")
         again = await order(bursts)
         assert again.burst.number > number
+
+
+@pytest.mark.parametrize("what", ["cancelled", "ended"])
+def test_an_answer_to_the_end_of_a_burst_does_not_say_who_takes_part(what: str) -> None:
+    orders, grid = (engine := engine_of("a")).orders, engine.grid
+    member = engine.roster.members["a"]
+    burst = orders.place(grid, NOW_NS, BurstOrder(frames=30, streamed=True))
+    ack = TriggerAck(member.number, LEADER, burst.number)
+    assert orders.take_ack(member, ack) == TriggerAnswered("a", burst.number, "")
+    if what == "cancelled":
+        orders.cancel(burst, NOW_NS)
+        ack = replace(ack, refusal=CANCELLED)
+    else:
+        orders.end(burst, 5, NOW_NS)
+    assert orders.take_ack(member, ack) is None
+
+
+def test_a_camera_that_answers_no_trigger_takes_no_part() -> None:
+    orders, grid = (engine := engine_of("a")).orders, engine.grid
+    burst = orders.place(grid, NOW_NS, BurstOrder(frames=3))
+    assert orders.triggers_due(NOW_NS)
+    assert orders.expire(NOW_NS + TRIGGER_GIVE_UP_NS - 1) == []
+    silent = TriggerAnswered("a", burst.number, NO_ANSWER, is_silent=True)
+    assert orders.expire(NOW_NS + TRIGGER_GIVE_UP_NS) == [silent]
+    assert orders.triggers_due(NOW_NS + TRIGGER_GIVE_UP_NS) == []
+
+
+async def test_a_camera_that_sends_nonsense_is_awaited_in_no_burst(tmp_path: Path) -> None:
+    async with bursts_of(tmp_path, engine_of("a", "b")) as bursts:
+        sessions = [await order(bursts), await order(bursts)]
+        await bursts.give_up("a", "it sent an invalid message")
+        problems = [{of.camera: of.problem for of in session.status.transfer} for session in sessions]
+        assert problems == [{"a": "it sent an invalid message", "b": ""}] * 2
 
 
 async def test_a_burst_that_could_not_be_written_down_is_forgotten_by_its_nodes(
@@ -247,6 +289,18 @@ async def test_a_burst_names_the_cameras_that_the_rig_has_lost(tmp_path: Path) -
         assert (await take()).status.message == "", "it is forgotten"
     finally:
         await bursts.close()
+
+
+async def test_a_camera_of_the_leader_before_is_missed_until_it_would_be_forgotten(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async with bursts_of(tmp_path, engine_of("a"), awaited=("a", "lost")) as bursts:
+        for later_ns, words in (
+            (0, "without lost: it has not come back since the leader was lost"),
+            (FORGET_LOST_NS, ""),
+        ):
+            monkeypatch.setattr(StillClock, "shown_ns", NOW_NS + later_ns)
+            assert (await order(bursts)).status.message == words
 
 
 async def test_images_that_come_late_complete_their_session_in_the_same_run(tmp_path: Path) -> None:

@@ -322,13 +322,10 @@ def test_middleburys_depth_is_that_of_its_formula(tmp_path: Path, names: tuple[s
 
 
 def test_an_xml_of_another_program_is_named_by_its_root(tmp_path: Path) -> None:
-    """Metashape's cameras.xml has <calibration> elements, as Qualisys's files have."""
+    """ContextCapture's BlocksExchange has a <Block> with its cameras."""
     path = tmp_path / "cameras.xml"
-    path.write_text(
-        '<?xml version="1.0" encoding="UTF-8"?>\n<document version="1.5.0">\n  <chunk label="Chunk 1">\n'
-        '    <sensors><sensor id="0" type="frame"><calibration type="frame"/></sensor></sensors>\n'
-    )
+    path.write_text('<?xml version="1.0"?>\n<BlocksExchange version="2.1"><Block><calibration/></Block>\n')
     with pytest.raises(
-        BadInputError, match=r"not a calibration of a known format \(its root is <document>\)"
+        BadInputError, match=r"not a calibration of a known format \(its root is <BlocksExchange>\)"
     ):
         read(path)

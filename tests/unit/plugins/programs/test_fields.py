@@ -252,7 +252,7 @@ def test_a_field_that_is_not_read_is_refused_by_name(
     [
         ({}, "image", True),
         ({"distortion_model": "rational_polynomial"}, "image", True),
-        ({"distortion_model": "equidistant", "D": [0.1] * 4}, "image", False),
+        ({"distortion_model": "equidistant", "D": [0.1] * 4}, "image", True),
         ({"distortion_model": "kannala_brandt", "D": [0.1] * 4}, "image", False),
         ({}, "image_rect", False),
     ],

@@ -104,7 +104,7 @@ def test_nerfstudios_transforms_that_no_rig_of_ours_has(tmp_path: Path) -> None:
     path = transforms(tmp_path / "transforms.json", camera_model="EQUIRECTANGULAR")
     with pytest.raises(BadInputError, match="EQUIRECTANGULAR"):
         read(path)
-    with pytest.raises(BadInputError, match="no number fl_x"):
+    with pytest.raises(BadInputError, match="has no fl_x"):
         read(transforms(path, fl_x=None))
     content = json.loads(transforms(path).read_text())
     content["frames"][2]["transform_matrix"][0][3] += 0.1

@@ -86,13 +86,14 @@ def test_damaged_images_are_set_aside_and_said_to_be_lost(tmp_path: Path) -> Non
     take = Take(tmp_path)
     take.write()
     file = take.folder / "images/rig1/cam0/000001.jpg"
-    file.write_bytes(b"scribble")
+    damaged = file.read_bytes()[:-1] + b"!"
+    file.write_bytes(damaged)
     del take.confirmed["cam0", 1]
     session = take.check_repaired()
     (gone,) = session.manifest.missing
     assert (gone.camera, gone.instant) == ("cam0", 1)
     assert "damaged" in gone.reason
-    assert (take.folder / "set_aside/images/rig1/cam0/000001.jpg").read_bytes() == b"scribble"
+    assert (take.folder / "set_aside/images/rig1/cam0/000001.jpg").read_bytes() == damaged
 
 
 def test_an_impossible_number_in_a_plan_costs_its_camera_or_the_plan(tmp_path: Path) -> None:

@@ -1,17 +1,22 @@
 """Bursts: instants on the grid, and the frames picked for them."""
 
+from typing import Any, cast
+
 from hypothesis import given
 from hypothesis import strategies as st
 
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.phase.frame_grid import FrameGrid
 from capture_app.sync.rig.frame_selection import (
+    NO_FRAME_OF_ITS_OWN,
     CameraGrid,
+    FrameSelection,
     Gap,
     RingBuffer,
     SelectedFrame,
     burst_instants,
 )
+from capture_app.sync.wire.datagrams import Trigger
 
 PERIOD_NS = 33_333_333
 HOUR_NS = 3_600_000_000_000
@@ -79,11 +84,38 @@ def test_a_dropped_frame_leaves_a_gap_and_shifts_nothing() -> None:
     assert [(gap.instant, gap.reason) for gap in gaps] == [(1, "the camera dropped the frame")]
 
 
+def test_a_frame_in_the_middle_of_two_instants_belongs_to_the_first_of_them_alone() -> None:
+    selection, grid = FrameSelection[int](), CameraGrid(FrameGrid(0, 1000))
+    selection.add(Trigger(0, 1, 1, 0, 1000, 3))
+    (found,) = selection.select_due(
+        ring_of([0, 1500, 3000]), cast(Any, None), grid, time_map(), now_ns=3000, is_member=False
+    )
+    assert [(pick.instant, pick.frame) for pick in found.frames] == [(0, 0), (1, 1)]
+    assert found.gaps == (Gap(2, NO_FRAME_OF_ITS_OWN),)
+
+
+def test_a_later_trigger_of_a_recording_can_only_end_it_earlier() -> None:
+    selection, spans_ns = FrameSelection[int](), []
+    for count in (10, 4, 10):
+        selection.add(Trigger(0, 1, 1, 0, 1000, count, streamed=True))
+        spans_ns.append(selection.first_before(0))
+    assert spans_ns == [(0, 9000), (0, 3000), (0, 3000)]
+
+
 def test_the_past_reaches_as_far_as_the_ring_buffer() -> None:
     ring = ring_of([n * PERIOD_NS for n in range(100)], span_ns=9 * PERIOD_NS)
     picks, gaps = pick_frames(ring, time_map(), (50 * PERIOD_NS, 95 * PERIOD_NS), PERIOD_NS)
     assert [pick.instant for pick in picks] == [1]
     assert [gap.reason for gap in gaps] == ["it had left the ring buffer"]
+
+
+def test_a_ring_buffer_takes_no_more_memory_than_it_may_but_has_the_newest_two_frames() -> None:
+    ring = RingBuffer[str](max_bytes=100)
+    for number in range(5):
+        ring.add(number, "a frame", size_bytes=30)
+    assert (len(ring), ring.oldest_local_ns) == (3, 2)
+    ring.add(5, "a large frame", size_bytes=1000)
+    assert (len(ring), ring.oldest_local_ns) == (2, 4)
 
 
 def test_a_camera_without_frames_leaves_gaps() -> None:

@@ -4,6 +4,7 @@ import random
 
 import pytest
 
+from capture_app.common.camera_facts import PhaseControl
 from capture_app.common.errors import BadInputError
 from capture_app.common.node_state import NodeState
 from capture_app.common.timeouts import FORGET_LOST_NS
@@ -267,3 +268,12 @@ def test_a_camera_that_moves_to_another_relay_takes_part_without_a_pause(leader:
     assert leader.trigger(S, BurstOrder(frames=1)).clients == ("cam",), (
         "of the other nothing but a hello was heard"
     )
+
+
+def test_cameras_of_one_machine_alone_align_nothing() -> None:
+    members = roster.Roster(random.Random(2), {})
+    for number, (pin, is_ready) in enumerate([("this", None), ("this", None), ("that", True)]):
+        hello = Hello(f"cam{number}", number, make_facts(phase_control=PhaseControl.RESET), pin=pin)
+        member, _ = members.admit(hello, ("cam", number), 0)
+        member.report = Report(state=NodeState.READY)
+        assert members.is_ready() is is_ready

@@ -193,3 +193,5 @@ def test_lenses_that_no_image_confirms_give_depth_no_confidence(
     assert "are expected within" not in done.out
     result = json.loads((tmp_path / "out" / "multiview.json").read_bytes())
     assert result["expected_within_2pct"] is None
+    pair = reconstruct("stereo", session, "--out", tmp_path / "pair")
+    assert f"warning: this depth is not a measurement: {UNCONFIRMED}: these points" in pair.out

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from capture_app.session.format.calibration import Calibration
+from capture_app.session.reading.reader import Session
 from reconstruction.common.geometry import angle_deg, other_from_reference
 from reconstruction.scene import scene as module
 from reconstruction.scene.calibration.soundness import calibrated_views
@@ -17,6 +18,7 @@ from reconstruction.scene.calibration.structure_from_motion import (
 )
 from reconstruction.scene.dataset import Dataset
 from reconstruction.scene.moving_pixels import SceneMotion
+from tests.project import ROOT
 from tests.unit.reconstruction.conftest import (
     Board,
     Scene,
@@ -123,3 +125,16 @@ def test_a_field_of_view_that_the_pictures_contradict_is_not_taken(tmp_path: Pat
     assert "40.0 degrees were given; the pictures say 56" in found.source
     for camera in found.cameras.values():
         assert camera.fx == pytest.approx(views["a"].matrix[0, 0], rel=0.02)
+
+
+def test_a_wall_is_no_obstacle_to_the_right_field_of_view() -> None:
+    """By the exact lens, COLMAP's pairs of a plane contradict each other: no model was found."""
+    pytest.importorskip("pycolmap", reason="pycolmap has no package for this machine")
+    session = Session.open(ROOT / "sample_sessions" / "crossing")
+    found = calibrate_from_images(SceneMotion(Dataset(session), 1), field_of_view_deg=63.2)
+    assert f"{UNCONFIRMED}: these points lie in one plane" in found.source
+    true = session.calibration()
+    assert true is not None
+    assert found.cameras.keys() == true.cameras.keys()
+    for name, camera in found.cameras.items():
+        assert camera.fx == pytest.approx(true.cameras[name].fx, rel=0.06)

@@ -144,6 +144,10 @@ def test_odd_lenses_are_refused(tmp_path: Path) -> None:
     assert likely_focal_lengths(dataset) == {}
     focal_px = likely_focal_lengths(dataset, 60.0)
     assert focal_px["a"] == pytest.approx(WIDTH / 2 / math.tan(math.radians(30)))
+    wide = likely_focal_lengths(dataset, 140.0, fisheyes=True)
+    assert wide["a"] == pytest.approx(WIDTH / 2 / math.radians(70))
+    with pytest.raises(BadInputError, match="only with their field of view"):
+        likely_focal_lengths(dataset, fisheyes=True)
     found = {name: view.to_calibration() for name, view in views.items()}
     refuse_odd_lenses(found, {})
     refuse_odd_lenses(found, focal_px)

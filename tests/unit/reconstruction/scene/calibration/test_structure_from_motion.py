@@ -136,7 +136,7 @@ def test_a_given_field_of_view_is_checked_against_what_the_pictures_know(
     calibration = Calibration(cameras={"a": lens, "b": lens}, source="COLMAP")
     given = {"a": 1.25 * lens.fx, "b": 1.02 * lens.fx}
     found = structure_from_motion._contradicting((calibration, [0.01, 0.01]), given)
-    said = f"were given; the pictures say {field_of_view_deg(lens):.1f} ± "
+    said = f"were given; the pictures say {field_of_view_deg(lens, lens.fx):.1f} ± "
     assert said in found.source
     assert said in capsys.readouterr().err
     for errors, near in (([0.2, 0.2], given), ([0.01, 0.01], {"b": given["b"]}), ([], given)):

@@ -1,0 +1,67 @@
+"""Camera nodes on the leader's machine that end by themselves, with processes that are only drawn."""
+
+import asyncio
+from contextlib import aclosing
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from capture_app.common.address import Address
+from capture_app.common.errors import CameraError
+from capture_app.node.leader.local_nodes import LocalNodes
+from capture_app.protocol.log import Log
+from capture_app.trust.trust import Trust
+
+pytestmark = pytest.mark.virtual
+
+
+@pytest.fixture
+def started_s(monkeypatch: pytest.MonkeyPatch, lives_s: list[float]) -> list[float]:
+    """Times at which a node's process was started; each lives as long as given, and further ones for ever."""
+    times, left_s = list[float](), iter(lives_s)
+
+    async def start(name: str, *_: Any, **__: Any) -> Any:
+        now_s = asyncio.get_running_loop().time
+        times.append(now_s())
+        ends_s, spoken = now_s() + next(left_s, 1e9), asyncio.Event()
+        spoken.set()
+
+        async def wait() -> None:
+            await asyncio.sleep(ends_s - now_s())
+
+        async def failure() -> CameraError:
+            return CameraError(f"{name} ended")
+
+        async def stop() -> None:
+            pass
+
+        process = SimpleNamespace(wait=wait, returncode=None)
+        return SimpleNamespace(process=process, spoken=spoken, failure=failure, stop=stop)
+
+    monkeypatch.setattr("capture_app.node.leader.local_nodes.Child", SimpleNamespace(start=start))
+    return times
+
+
+@pytest.mark.parametrize(
+    ("lives_s", "delays_s", "is_here"),
+    [
+        ([2.0, 2.0, 2.0, 2.0], [1, 10, 60], False),
+        ([2.0, 2.0, 301.0, 2.0], [1, 10, 1, 10], True),
+    ],
+    ids=["given up", "sound for a while"],
+)
+async def test_a_node_that_ends_is_started_again_ever_later(
+    lives_s: list[float], delays_s: list[float], is_here: bool, started_s: list[float], tmp_path: Path
+) -> None:
+    log = Log()
+    nodes = LocalNodes(Address("127.0.0.1", 1), tmp_path, log, trust=Trust.open())
+    async with aclosing(nodes):
+        await nodes.add_camera("replay:clip.mp4", "cam0")
+        await asyncio.sleep(1000)
+        ended_s = [begun_s + lasts_s for begun_s, lasts_s in zip(started_s, lives_s, strict=False)]
+        waited_s = [after - before for before, after in zip(ended_s, started_s[1:], strict=False)]
+        assert waited_s == pytest.approx(delays_s, abs=0.1)
+        assert [*nodes.specs] == ["cam0"] * is_here
+    assert [line.text for line in log.after(0)].count("cam0 ended; it is started again in 1 s") == 1 + is_here

@@ -135,7 +135,7 @@ class _ImportCommand(click.Command):
 )
 @click.option(
     "--unit",
-    show_default="m; arbitrary for COLMAP and nerfstudio",
+    show_default="m; arbitrary for formats without a scale",
     help="Unit of lengths in the calibration: m, cm, mm, in, ft or another name.",
 )
 @click.option(

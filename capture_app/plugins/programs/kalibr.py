@@ -43,9 +43,9 @@ def read_calibration(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) 
         pose = numbers(where, camera, "T_cn_cnm1", 16).reshape(4, 4) @ pose if views else pose
         width, height = numbers(where, camera, "resolution", 2)
         named = camera_of(str(camera.get("rostopic", key)), cameras)
-        views[named if named in cameras else key] = View(
+        views[named if named in cameras and named not in views else key] = View(
             matrix=pinhole(*numbers(where, camera, "intrinsics", 4)),
-            distortion=numbers(where, {"distortion_coeffs": [0.0] * 4, **camera}, "distortion_coeffs", 4),
+            distortion=numbers(where, {"distortion_coeffs": [0.0] * 4, **camera}, "distortion_coeffs", 0, 4),
             rotation=pose[:3, :3],
             translation=pose[:3, 3],
             size=(round(width), round(height)),

@@ -13,6 +13,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 
 from capture_app.common.errors import BadInputError
+from capture_app.common.text import count
 from capture_app.session.importing.importer import Importer
 from capture_app.session.importing.views import (
     EXPORT_AGAIN,
@@ -50,13 +51,12 @@ def read_calibration(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) 
     parts = {camera.get("component_id") for camera in posed}
     if len(parts) != 1:
         raise BadInputError(
-            f"{path} has cameras of {len(parts)} components",
+            f"{path} has aligned cameras of {count(len(parts), 'component')}",
             hint="align all cameras into one component, and export them again",
         )
-    scale = next((one for one in chunk.iter("component") if one.get("id") in parts), chunk).find(
-        "transform/scale"
-    )
-    metres = 1.0 if scale is None else number(str(path), {"scale": scale.text}, "scale")
+    owners = [*(one for one in chunk.iter("component") if one.get("id") in parts), chunk]
+    scale = next((text for one in owners if (text := one.findtext("transform/scale"))), None)
+    metres = number(str(path), {"scale": 1.0 if scale is None else scale}, "scale")
     sensors = {sensor.get("id"): sensor for sensor in chunk.iter("sensor")}
     found = [
         (
@@ -65,7 +65,11 @@ def read_calibration(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) 
         )
         for label, camera in ((camera.get("label", ""), camera) for camera in posed)
     ]
-    views = views_of_images(str(path), found, "a rig stands still: export the cameras of one instant")
+    views = views_of_images(
+        str(path),
+        found,
+        "a rig stands still: export the cameras of one instant, labelled by the cameras' names",
+    )
     return Views(views, path.name, assumed_unit="arbitrary" if scale is None else "m")
 
 

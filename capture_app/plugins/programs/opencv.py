@@ -104,7 +104,9 @@ def _assign(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) -> tuple[
 
 
 def _search(folder: Path, cameras: Sequence[str]) -> tuple[dict[str, Path], list[Path]]:
-    files = sorted(path for path in folder.iterdir() if path.suffix.lower() in _SUFFIXES)
+    known = sorted(path for path in folder.iterdir() if path.suffix.lower() in _SUFFIXES)
+    # Beside OpenCV's files, a .mat is somebody's data.
+    files = [path for path in known if path.suffix.lower() != ".mat"] or known
     own: dict[str, Path] = {}
     if files and not any(
         _MATRIX_NAMES & _load(file).keys() or file.stem.casefold().startswith(name.casefold())
@@ -136,8 +138,10 @@ def _load(path: Path) -> Content:
         )
     values = _LOADERS.get(path.suffix.lower(), read_storage)(path)
     is_fisheye = values.get("fisheye_model") or str(values.get("distortion_model", "")) in _FISHEYES
+    # In an OpenCV user's file nx and ny are a board's corners.
+    sizes = _BOUGUETS if path.suffix.lower() == ".mat" else {}
     return ({_FISHEYE_KEY: np.ones(1)} if is_fisheye else {}) | {
-        _BOUGUETS.get(key, key.lower()): np.atleast_1d(np.asarray(value, np.float64))
+        sizes.get(key, key.lower()): np.atleast_1d(np.asarray(value, np.float64))
         for key, value in values.items()
         if isinstance(value, int | float) or (isinstance(value, np.ndarray) and value.dtype.kind in "biuf")
     }

@@ -13,10 +13,10 @@ import msgspec
 import numpy as np
 
 from capture_app.common.errors import BadInputError
-from capture_app.common.text import count
 from capture_app.session.format.calibration import TERMS
 from capture_app.session.importing.importer import Importer
 from capture_app.session.importing.views import (
+    EXPORT_AGAIN,
     View,
     Views,
     camera_of,
@@ -47,11 +47,13 @@ def read_calibration(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) 
         parts = msgspec.convert(read_json(path), list[_Reconstruction])
     except msgspec.ValidationError:
         return None
-    if len(parts) != 1:
+    if len(parts) > 1:
         raise BadInputError(
-            f"{path} has {count(len(parts), 'reconstruction')} without common coordinates",
-            hint="keep the one of the recording",
+            f"{path} has {len(parts)} reconstructions without common coordinates",
+            hint="delete all but the recording's from the file",
         )
+    if not parts:
+        return None
     shots = [
         (camera_of(image, cameras), _view(f"{path}: {image}", shot, parts[0].cameras))
         for image, shot in parts[0].shots.items()
@@ -68,6 +70,8 @@ def _view(where: str, shot: dict[str, Any], lenses: dict[str, Any]) -> View:
             hint="reconstruct with one of these in camera_models_overrides.json",
         )
     size = (round(number(where, lens, "width")), round(number(where, lens, "height")))
+    if min(size) < 1:
+        raise BadInputError(f"{where} is of images of {size[0]}x{size[1]} pixels", hint=EXPORT_AGAIN)
     fx = number(where, lens, "focal" if "focal" in lens else "focal_x")
     across, down = ((side - 1) / 2 / max(size) for side in size)
     cx, cy = number(where, lens, "c_x", 0.0) + across, number(where, lens, "c_y", 0.0) + down

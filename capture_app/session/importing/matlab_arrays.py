@@ -18,17 +18,20 @@ from capture_app.session.files.untrusted_files import read_input, rejecting
 from capture_app.session.format.lens import Array
 
 MAX_BYTES = 1 << 26
-"""Maximum unpacked size of a variable."""
+"""Maximum unpacked size of a variable; a larger one is no calibration's."""
 _HEADER = 128
 _COMPRESSED = 15
 _NUMERIC = range(6, 16)
 """Classes of arrays of numbers."""
 _TYPES = dict(zip((1, 2, 3, 4, 5, 6, 7, 9, 12, 13), "bBhHiIfdqQ", strict=True))
 """numpy's type of each type of numbers."""
+_NAMES = (
+    *("intrinsicMatrix1", "distortionCoefficients1", "intrinsicMatrix2", "distortionCoefficients2"),
+    *("rotationOfCamera2", "translationOfCamera2"),
+)
 _CONVERT = (
-    "in MATLAB: [intrinsicMatrix1, distortionCoefficients1, intrinsicMatrix2, distortionCoefficients2, "
-    "rotationOfCamera2, translationOfCamera2] = stereoParametersToOpenCV(stereoParams); clear stereoParams; "
-    "save('stereo.mat', '-v7')"
+    f"in MATLAB: [{', '.join(_NAMES)}] = stereoParametersToOpenCV(stereoParams); "
+    f"save stereo.mat {' '.join(_NAMES)} -v7"
 )
 
 
@@ -38,7 +41,10 @@ def read_mat(path: Path) -> dict[str, Array]:
     with rejecting(f"cannot read {path}", ValueError, LookupError, struct.error, zlib.error, hint=_CONVERT):
         for kind, body in _elements(data[_HEADER:] if data.startswith(b"MATLAB 5.0") else b""):
             if kind == _COMPRESSED:
-                (_, body), *_ = _elements(zlib.decompressobj().decompress(body, MAX_BYTES))
+                unpacking = zlib.decompressobj()
+                (_, body), *_ = _elements(unpacking.decompress(body, MAX_BYTES))
+                if unpacking.unconsumed_tail:
+                    continue
             (_, flags), (_, shape), (_, name), *rest = _elements(body)
             # What MATLAB keeps of its objects is an array without a name.
             if name and flags[0] in _NUMERIC:

@@ -7,6 +7,7 @@ documentation of FileStorage: a map of names to numbers, texts, lists and matric
 
 import math
 import re
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree as ET
@@ -14,6 +15,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 import yaml
 
+from capture_app.common.errors import BadInputError
 from capture_app.session.files.untrusted_files import read_input, rejecting
 from capture_app.session.format.lens import Array
 
@@ -32,7 +34,7 @@ def read_storage(path: Path) -> dict[str, Any]:
     with rejecting(
         f"cannot read the calibration {path}",
         *(yaml.YAMLError, ET.ParseError, ValueError, OverflowError, RecursionError),
-        hint="write it with OpenCV's FileStorage or np.savez",
+        hint="write it again, as with OpenCV's FileStorage",
     ):
         if len(data) > MAX_BYTES:
             raise ValueError(f"it has {len(data)} bytes, too many for a calibration")
@@ -43,8 +45,11 @@ def read_storage(path: Path) -> dict[str, Any]:
 
 
 def read_yaml(path: Path) -> dict[str, Any]:
-    """Read the values of a YAML file by name, as `read_storage` does; none for any other file."""
-    return read_storage(path) if path.is_file() and path.suffix.lower() in (".yaml", ".yml") else {}
+    """Read the values of a YAML file by name, as `read_storage` does; none if it is not one."""
+    if path.is_file() and path.suffix.lower() in (".yaml", ".yml"):
+        with suppress(BadInputError):
+            return read_storage(path)
+    return {}
 
 
 class _Loader(yaml.SafeLoader):

@@ -75,9 +75,8 @@ def read_xml(path: Path, root: str) -> ET.Element | None:
     """Parse an XML file whose first element has this name; None for any other file. Raises BadInputError."""
     if root_of(path) != root:
         return None
-    with rejecting(
-        f"cannot read the calibration {path}", OSError, ET.ParseError, LookupError, hint=EXPORT_AGAIN
-    ):
+    errors = OSError, ET.ParseError, LookupError, ValueError
+    with rejecting(f"cannot read the calibration {path}", *errors, hint=EXPORT_AGAIN):
         return ET.parse(path).getroot()  # noqa: S314 - expat resolves no external entities and limits the rest
 
 

@@ -274,7 +274,7 @@ class Leader:
             grid = FrameGrid(burst.instants_ns[0], burst.period_ns)
             self.current.grid_choice, self.current.grid_is_of_cameras = GridPhaseChoice(grid), True
             # A camera that was started again, too, has forgotten its own.
-            self.current.delays_ns = {camera_key(name): delay_ns for name, delay_ns in delays_ns.items()}
+            self.current.delays_ns = {camera_key(name): delay for name, delay in delays_ns.items() if delay}
             self.acknowledge_all()
         self.orders.resume(burst, run, now_ns)
 

@@ -34,13 +34,19 @@ def view_of_info(
     where: str, info: Mapping[str, Any], rotation: Array, translation: Array, hint: str = EXPORT_AGAIN
 ) -> View:
     """Return a view by K, D, WIDTH, HEIGHT and distortion_model. Raises BadInputError for other models."""
-    if (model := info.get("distortion_model", "")) not in _MODELS:
+    if (model := str(info.get("distortion_model", ""))) not in _MODELS:
         raise BadInputError(
             f"{where} has a lens of model {model}, not {', '.join(filter(None, _MODELS))}", hint=hint
         )
+    distortion = numbers(where, {"D": (), **info}, "D", 0, 4, 5, 8, 12, 14, hint=hint)
+    if distortion[5:].any():
+        raise BadInputError(
+            f"{where} has a lens of more terms than k1, k2, p1, p2, k3",
+            hint="calibrate again with camera_calibration's -k 3",
+        )
     return View(
         matrix=numbers(where, info, "K", 9, hint=hint).reshape(3, 3),
-        distortion=numbers(where, {"D": (), **info}, "D", 0, 4, 5, 8, 12, 14, hint=hint),
+        distortion=distortion,
         rotation=rotation,
         translation=translation,
         size=(round(number(where, info, "WIDTH")), round(number(where, info, "HEIGHT"))),

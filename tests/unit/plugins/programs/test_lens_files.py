@@ -20,6 +20,7 @@ import pytest
 
 from capture_app.common.errors import BadInputError
 from capture_app.session.format.calibration import Calibration
+from capture_app.session.importing import matlab_arrays
 from capture_app.session.importing.calibrations import fit_calibration, read_views
 from tests.unit.plugins.programs.known_rig import POINTS, SIZE, Array, D, lens, pose, read, see
 from tests.unit.session.conftest import jpeg
@@ -84,6 +85,13 @@ def test_metashape(tmp_path: Path) -> None:
         ({"camera": '<camera sensor_id="0" label="cam0"><transform>1</transform></camera>'}, "has 1 numbers"),
         ({"camera": '<camera sensor_id="7" label="a"><transform/></camera>'}, "a has no calibrated sensor"),
         ({"camera": '<camera component_id="1" label="a"><transform/></camera>'}, "2 components"),
+        (
+            {
+                "camera": '<camera sensor_id="0" label="cam0.jpg"><transform>'
+                "1 0 0 5 0 1 0 0 0 0 1 0 0 0 0 1</transform></camera>"
+            },
+            r"not in one place .*labelled by the cameras' names",
+        ),
     ],
 )
 def test_what_metashape_has_and_no_rig_of_ours_is_refused(
@@ -109,6 +117,23 @@ REAL_METASHAPE = """<?xml version="1.0" encoding="UTF-8"?>
 -0.01288400 0.02326485 -0.99964631 0.43561421 0 0 0 1</transform>
 <orientation>1</orientation></camera></group></cameras>
 </chunk></document>"""
+
+
+def test_the_scale_of_a_chunk_whose_component_has_none(tmp_path: Path) -> None:
+    path = metashape(tmp_path / "cameras.xml", end="<transform><scale>0.5</scale></transform>")
+    path.write_text(
+        path.read_text()
+        .replace("<cameras>", '<components><component id="0"/></components><cameras>')
+        .replace("<camera sensor_id", '<camera component_id="0" sensor_id')
+    )
+    assert read(path).unit == "m"
+
+
+def test_xml_in_an_encoding_that_is_not_known_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "cameras.xml"
+    path.write_text('<?xml version="1.0" encoding="shift_jis"?><document/>')
+    with pytest.raises(BadInputError, match="multi-byte encodings"):
+        read(path)
 
 
 def test_a_real_file_of_metashape(tmp_path: Path) -> None:
@@ -212,6 +237,8 @@ def test_opensfm(tmp_path: Path) -> None:
         read(opensfm(path, {"projection_type": "spherical"}))
     with pytest.raises(BadInputError, match="2 reconstructions"):
         read(opensfm(path, parts=2))
+    with pytest.raises(BadInputError, match="images of 0x0 pixels"):
+        read(opensfm(path, {"width": 0, "height": 0}))
 
 
 def test_a_real_lens_of_opensfm(tmp_path: Path) -> None:
@@ -299,6 +326,8 @@ def test_a_chain_of_kalibr_adds_up(tmp_path: Path) -> None:
         for name in ("cam1", "cam2", "cam10")
     ]
     np.testing.assert_allclose(poses, [[1, 0, 0], [1, 1, 0], [0, 1, 0]], atol=1e-12)
+    path.write_text(path.read_text().replace("distortion_model", "distortion_coeffs: []\n  distortion_model"))
+    assert read(path, names=tuple(names)).cameras["cam0"].distortion == (0, 0, 0, 0, 0)
     path.write_text(path.read_text().replace("pinhole", "omni"))
     with pytest.raises(BadInputError, match="cam0 is of Kalibr's model omni-none"):
         read(path)
@@ -379,7 +408,11 @@ def test_what_ros_prints_is_read_too(tmp_path: Path) -> None:
     ("right", "text", "reason"),
     [
         ({"tx": "0.0"}, INFO, "were calibrated one by one"),
-        ({"d": "0, 0, 0, 0, 0, 0.1, 0, 0"}, INFO.replace("plumb_bob", "rational_polynomial"), "8 distortion"),
+        (
+            {"d": "0, 0, 0, 0, 0, 0.1, 0, 0"},
+            INFO.replace("plumb_bob", "rational_polynomial"),
+            "more terms than k1",
+        ),
         ({}, INFO.replace("plumb_bob", "fov"), r"left\.yaml has a lens of model fov"),
         (
             {},
@@ -449,6 +482,24 @@ def test_objects_of_matlab_are_refused_with_the_line_that_converts_them(head: by
     with pytest.raises(BadInputError, match="outside MATLAB") as refused:
         read(path)
     assert "stereoParametersToOpenCV(stereoParams)" in refused.value.hint
+
+
+def test_a_large_variable_of_the_workspace_is_passed_over(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(matlab_arrays, "MAX_BYTES", 4096)
+    path = matlab(tmp_path / "a.mat", {"n": np.zeros((100, 100)), "KK": lens(0)})
+    assert list(matlab_arrays.read_mat(path)) == ["KK"]
+
+
+def test_data_of_matlab_beside_files_of_opencv_is_none_of_theirs(tmp_path: Path) -> None:
+    rotation = pose(1)[0] @ pose(0)[0].T
+    for n, name in enumerate(("left", "right")):
+        # nx and ny are the board's corners.
+        turn = {"R": rotation if n else np.eye(3), "T": np.full(3, n)}
+        np.savez(tmp_path / f"{name}.npz", mtx=lens(n), dist=D, nx=9, ny=6, **turn)
+    (tmp_path / "a.mat").write_bytes(b"MATLAB 7.3 MAT-file")
+    assert read(tmp_path, names=("left", "right")).cameras["left"].fx == lens(0)[0, 0]
 
 
 # Others

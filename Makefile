@@ -5,7 +5,7 @@
 # make test KIND=core   the unit tests without those of cameras, programs, companions and methods
 # make test KIND=system   rigs of processes, browsers, whole comparisons, pages that newcomers read (20 minutes)
 # make test KIND=nightly   all pages, all seeds, crafted files, writers killed at every step (hours; PART=3/12: a twelfth of them)
-# make test NEWEST=1   the unit tests with the newest release of everything, in build/newest
+# make test NEWEST=1   the unit tests with the newest release of everything, in build/newest (remove it to try still newer ones)
 # make test KIND=phones   the page of phones in real browsers
 # make test KIND=docs   every command line of README and docs, run beside a simulated rig (some minutes)
 # make test KIND=v4l2   the rig on real camera drivers in a virtual machine (slow)

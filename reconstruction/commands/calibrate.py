@@ -77,7 +77,7 @@ def _parse_mark(text: str) -> Mark:
 @click.option(
     "--field-of-view",
     "field_of_view_deg",
-    type=FiniteRange(5.0, 175.0),
+    type=FiniteRange(5.0, 220.0),
     metavar="DEG",
     show_default="from EXIF, else unknown",
     help="For sfm: the cameras' horizontal field of view.",

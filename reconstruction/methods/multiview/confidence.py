@@ -62,7 +62,7 @@ UNSEEN_PX, PAIR_UNSEEN_PX = 0.1, 0.3
 two cameras, where a turn sideways of one shifts all disparities."""
 TURN_PX = 1.0
 """Turn sideways that two cameras do not show, up to which the range of their confidence goes."""
-ASKEW = 1.0
+ASKEW = 1.5
 """Standard deviation of matches, px, by the square of the misfit: windows beside epipolar lines differ."""
 FREEDOM = 0.5
 """Degrees of freedom of the misfit, for each camera after the first."""

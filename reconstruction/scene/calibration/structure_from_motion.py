@@ -28,6 +28,7 @@ FILM_DIAGONAL_MM = 43.27
 """Diagonal of the 36 x 24 mm format to which equivalent focal lengths refer (CIPA DC-008)."""
 MAX_FOCAL_RATIO = 1.25
 """Maximum ratio of a found to the likely focal length; equivalent ones are rounded to whole millimetres."""
+MAX_PERSPECTIVE_DEG = 175.0
 WIDEST_DEG = 100.0
 MAX_BELIEVED = 0.08
 """Maximum relative 95 % error of focal lengths at which the images are believed against a given one."""
@@ -63,8 +64,13 @@ def likely_focal_lengths(
 ) -> dict[str, float]:
     """Return likely focal lengths, px, by camera: from the horizontal field of view, else from EXIF.
 
-    Raises BadInputError for fisheyes without a field of view: EXIF does not state theirs.
+    Raises BadInputError for fisheyes without a field of view, as EXIF does not state theirs, and for a field
+    that no perspective lens has.
     """
+    if field_of_view_deg is not None and not fisheyes and field_of_view_deg > MAX_PERSPECTIVE_DEG:
+        raise BadInputError(
+            f"no perspective lens sees {field_of_view_deg:g} degrees", hint="for fisheyes: --lens fisheye"
+        )
     if field_of_view_deg is not None:
         half = math.radians(field_of_view_deg) / 2
         bent = half if fisheyes else math.tan(half)
@@ -102,7 +108,7 @@ def refuse_odd_lenses(found: Mapping[str, CameraCalibration], focal_px: Mapping[
         else:
             odd = not 1 / MAX_FOCAL_RATIO < camera.fx / likely < MAX_FOCAL_RATIO
             why = f"not {field_of_view_deg(camera, likely):.0f} as it likely does"
-            exif = "correct the pictures' EXIF, "
+            exif = "" if camera.is_fisheye else "correct the pictures' EXIF, "
         if odd:
             raise NotApplicableError(
                 f"{name} would see {view_deg:.0f} degrees wide, {why}: "

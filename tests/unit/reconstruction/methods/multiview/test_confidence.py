@@ -186,9 +186,9 @@ def test_turned_cameras_are_said_to_be_right_as_often_as_they_are() -> None:
     for cameras, misfits_px, evidence, worth_px, right in SAID_AND_RIGHT:
         support = DepthSupport(np.array(evidence), np.array(worth_px), cameras)
         off.append(np.mean([support.confidence(misfit_px) for misfit_px in misfits_px]) - right)
-    assert np.abs(off).max() < 0.22  # few draws of few poses
-    assert abs(np.mean(off)) < 0.05
-    assert np.sqrt(np.mean(np.square(off))) < 0.09
+    assert np.abs(off).max() < 0.18  # few draws of few poses
+    assert abs(np.mean(off)) < 0.02
+    assert np.sqrt(np.mean(np.square(off))) < 0.07
 
 
 def test_the_support_of_a_view_knows_the_cameras_of_its_rig() -> None:

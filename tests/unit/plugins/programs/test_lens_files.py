@@ -495,9 +495,9 @@ def test_a_large_variable_of_the_workspace_is_passed_over(
 def test_data_of_matlab_beside_files_of_opencv_is_none_of_theirs(tmp_path: Path) -> None:
     rotation = pose(1)[0] @ pose(0)[0].T
     for n, name in enumerate(("left", "right")):
+        turn = rotation if n else np.eye(3)
         # nx and ny are the board's corners.
-        turn = {"R": rotation if n else np.eye(3), "T": np.full(3, n)}
-        np.savez(tmp_path / f"{name}.npz", mtx=lens(n), dist=D, nx=9, ny=6, **turn)
+        np.savez(tmp_path / f"{name}.npz", mtx=lens(n), dist=D, nx=9, ny=6, R=turn, T=np.full(3, n))
     (tmp_path / "a.mat").write_bytes(b"MATLAB 7.3 MAT-file")
     assert read(tmp_path, names=("left", "right")).cameras["left"].fx == lens(0)[0, 0]
 

@@ -147,7 +147,8 @@ def test_a_measured_expectation_stands_in_place_of_the_simulated_rigs() -> None:
 
 def test_two_cameras_say_a_range_instead_of_a_mean() -> None:
     assert describe_misfit(0.05, 1200, expected=(0.021, 0.803)).endswith(
-        "2 to 80 % of the pixels are expected within 2 % of the true depth, by how far a camera is turned"
+        "2 to 80 % of the pixels are expected within 2 % of the true depth, "
+        "depending on how far one camera is turned sideways (up to 1 px), which two do not show"
     )
 
 

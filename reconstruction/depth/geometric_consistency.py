@@ -26,7 +26,7 @@ MAX_GREY_LEVELS = 10.0
 Without it different blank objects would agree."""
 MAX_COST = 0.5
 """Maximum matching cost of a pixel that counts as evidence."""
-MIN_ISLAND_PX = 16
+MIN_ISLAND_PX = 50
 """Minimum size of an island of depth."""
 
 

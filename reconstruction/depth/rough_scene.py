@@ -51,6 +51,8 @@ class RoughScene:
 
     points: Mapping[str, Array]
     depth_ranges: Mapping[str, tuple[float, float]]
+    has_thin: bool = False
+    """Whether things that are too thin for small images are nearer than all else."""
 
 
 def find_rough_scene(images: Mapping[str, CalibratedImage]) -> RoughScene:
@@ -84,7 +86,7 @@ def find_rough_scene(images: Mapping[str, CalibratedImage]) -> RoughScene:
     middle = choose_reference_view({name: views[name] for name in points}, points)
     thin = _thin_points(images[middle], [images[other] for other in neighbours[middle]], depth_ranges[middle])
     depth_ranges = {name: _extended(span, views[name], thin) for name, span in depth_ranges.items()}
-    return RoughScene(points, depth_ranges)
+    return RoughScene(points, depth_ranges, has_thin=len(thin) > 0)
 
 
 def choose_neighbours(overlaps: Mapping[str, ViewOverlap]) -> tuple[str, ...]:

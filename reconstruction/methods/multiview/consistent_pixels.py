@@ -25,17 +25,21 @@ MAX_CARRY = 0.08
 """Maximum distance over which smoothness carries depth across a blank area, relative to the width."""
 MAX_RIM = 0.005
 """Maximum distance of valid depth beyond evidence, relative to the width: windows match badly at edges."""
+MIN_THIN_ISLAND_PX = 16
+"""Minimum size of an island of depth in a scene with thin things; elsewhere such islands mostly float."""
 SUPPORT_PX = 15
 """Side of the neighbourhood of a pixel that few views can see."""
 
 
-def consistent_pixels(surface: Surface, count: Array, able: Array, sources: int, blank: Array) -> Array:
+def consistent_pixels(
+    surface: Surface, count: Array, able: Array, sources: int, blank: Array, *, has_thin: bool = False
+) -> Array:
     """Return where depth is valid, bool height x width, from the votes of `sources` source views.
 
     Of the views that are `able` to see a pixel all but one must agree, and no more than `MIN_VIEWS`. One is
     enough if only two see it, as beside a near object. Then most of the neighbourhood must be valid too,
     because a moving object finds one view that agrees by chance. `blank` (bool): pixels without any detail,
-    such as the dark behind an object.
+    such as the dark behind an object. `has_thin` is the rough scene's.
     """
     required = min(MIN_VIEWS, max(1, sources - 1))
     agreed = count >= required
@@ -48,7 +52,8 @@ def consistent_pixels(surface: Surface, count: Array, able: Array, sources: int,
     distance = cv2.distanceTransform((~evidence).astype(np.uint8), cv2.DIST_L2, 5) / evidence.shape[1]
     carried = (distance <= MAX_RIM) | _between(evidence, round(MAX_CARRY * evidence.shape[1]))
     carried |= ~blank & (distance < MAX_CARRY)
-    return remove_speckles(agreed & carried, surface.inverse_depth, MIN_ISLAND_PX)
+    min_island_px = MIN_THIN_ISLAND_PX if has_thin else MIN_ISLAND_PX
+    return remove_speckles(agreed & carried, surface.inverse_depth, min_island_px)
 
 
 def _valid_fraction(valid: Array, surface: Surface, pixels: tuple[Array, ...]) -> Array:

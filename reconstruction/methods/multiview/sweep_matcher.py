@@ -84,6 +84,7 @@ def match_all_views(
     still = still or StillScene()
     new = {name: still.new(name, image) for name, image in images.items()}
     steps = progress or Progress(0, silent=True)
+    has_thin = still.scene is not None and still.scene.has_thin
     names = [name for name in images if sources.get(name)]
     paired = [name for name in names if [name] == [o for other in sources[name] for o in sources[other]]]
     budget = memory_budget()
@@ -136,15 +137,15 @@ def match_all_views(
         laid, still.planes = fit_blank_walls(images, sources, depth_ranges, surfaces, pool, still.planes)
         surfaces = {name: renewed(surfaces[name], laid[name], WHOLE, new[name]) for name in names}
         sharp = dict(zip(names, pool.map(sharpen, names), strict=True))
-        confirmed = _confirmed_depths(pool, images, sources, sharp, engine)
+        confirmed = _confirmed_depths(pool, images, sources, sharp, engine, has_thin=has_thin)
         # Where no others find the moved edges, the sweep's depth may be right.
         surfaces = {n: renewed(surfaces[n], sharp[n], WHOLE, confirmed[n] > 0) for n in names}
         surfaces = dict(zip(names, pool.map(propose, names), strict=True))
-        confirmed = _confirmed_depths(pool, images, sources, surfaces, engine)
+        confirmed = _confirmed_depths(pool, images, sources, surfaces, engine, has_thin=has_thin)
         if paired:
             # Depths that one of two adopted from the other may now be visible to the other.
             surfaces |= zip(paired, pool.map(propose, paired), strict=True)
-            confirmed = _confirmed_depths(pool, images, sources, surfaces, engine)
+            confirmed = _confirmed_depths(pool, images, sources, surfaces, engine, has_thin=has_thin)
         still.keep(images, sources, surfaces)
         facing = pool.map(lambda name: _view_normals(surfaces[name], images[name]), names)
         return {
@@ -161,6 +162,8 @@ def _confirmed_depths(
     sources: Mapping[str, Sequence[str]],
     surfaces: Mapping[str, Surface],
     engine: SweepEngine,
+    *,
+    has_thin: bool,
 ) -> dict[str, Array]:
     """Return every view's depth where other views confirm it, elsewhere 0; float32 height x width."""
 
@@ -171,7 +174,8 @@ def _confirmed_depths(
             for other in voting_views(name, sources, surfaces)
         ]
         count, able = consistent_and_visible_views(surface, voters, engine=engine)
-        return surface.depth_where(consistent_pixels(surface, count, able, len(voters), images[name].blank))
+        votes = count, able, len(voters), images[name].blank
+        return surface.depth_where(consistent_pixels(surface, *votes, has_thin=has_thin))
 
     return dict(zip(surfaces, pool.map(confirm, surfaces), strict=True))
 

@@ -48,3 +48,16 @@ def test_a_rim_that_one_view_sees_is_kept_beside_a_background_that_none_sees() -
     # A few pixels whose surface nobody else confirms, as of what moves between the pictures.
     count[:, :56] = 0
     assert not consistent_pixels(seen, count, able, 3, flat > 0).any()
+
+
+def test_small_islands_stay_only_where_things_are_thin() -> None:
+    flat = np.zeros((60, 100), np.float32)
+    level = flat + 0.4
+    level[20:28, 50:54] = 0.8
+    count = np.zeros(level.shape, np.uint8)
+    count[20:28, 50:54] = 2
+    for has_thin in (False, True):
+        kept = consistent_pixels(
+            Surface(level, flat, flat, flat), count, np.full_like(count, 3), 3, flat > 0, has_thin=has_thin
+        )
+        assert kept[20:28, 50:54].all() == has_thin

@@ -19,8 +19,8 @@ import numpy as np
 import pytest
 
 from capture_app.common.errors import BadInputError
+from capture_app.plugins.programs.opencv import matlab_arrays
 from capture_app.session.format.calibration import Calibration
-from capture_app.session.importing import matlab_arrays
 from capture_app.session.importing.calibrations import fit_calibration, read_views
 from tests.unit.plugins.programs.known_rig import POINTS, SIZE, Array, D, lens, pose, read, see
 from tests.unit.session.conftest import jpeg

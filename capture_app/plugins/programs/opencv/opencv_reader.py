@@ -13,10 +13,10 @@ import numpy as np
 
 from capture_app.common.errors import BadInputError
 from capture_app.common.names import natural_order
+from capture_app.plugins.programs.opencv.matlab_arrays import read_mat
 from capture_app.session.files.untrusted_files import read_arrays
 from capture_app.session.format.lens import Array
 from capture_app.session.importing.importer import Importer
-from capture_app.session.importing.matlab_arrays import read_mat
 from capture_app.session.importing.opencv_storage import read_storage
 from capture_app.session.importing.views import View, Views, numbers, root_of, rotation_of
 

@@ -1,0 +1,1 @@
+"""Calibrations of OpenCV's and MATLAB's users."""

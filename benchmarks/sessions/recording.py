@@ -16,6 +16,7 @@ frames that are missing of cameras that were there: neither killed nor on their 
 import argparse
 import asyncio
 import json
+import math
 import os
 import random
 import shutil
@@ -202,8 +203,7 @@ class Watch:
 
     def was_there(self, name: str, at_ns: int) -> bool:
         """Whether that camera was alive and ready at that time, and for UNWRITTEN_NS more."""
-        since_ns = self._since_ns.get(name, at_ns + UNWRITTEN_NS + 1)
-        spans = [*self.away_ns[name], (since_ns, at_ns + UNWRITTEN_NS + 2)]
+        spans = [*self.away_ns[name], (self._since_ns.get(name, math.inf), math.inf)]
         return not any(from_ns - UNWRITTEN_NS <= at_ns <= until_ns for from_ns, until_ns in spans)
 
 

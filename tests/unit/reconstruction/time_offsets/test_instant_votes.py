@@ -117,3 +117,14 @@ def test_changes_of_pairs_add_up() -> None:
     )
     assert one.followed_by(other).steps == (Step(20, 1, 20, 20),)
     assert not one.followed_by(one.reversed())
+
+
+def test_an_instant_at_which_motion_turns_does_not_disagree() -> None:
+    """There, points cross their lines slowly at the common offset, and fast where they come back."""
+    found = take()
+    first = found.instant == 0
+    back = replace(found, offset_ms=np.where(first, found.offset_ms - 2 * PERIOD_MS, found.offset_ms))
+    assert judged(back).disagreeing == (0,)
+    slow = found.only(first)
+    slow = replace(slow, across_px_per_ms=np.full(len(slow.counts), 0.8 / PERIOD_MS))
+    assert judged(Crossings.join([back, slow])).disagreeing == ()

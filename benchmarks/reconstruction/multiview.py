@@ -86,7 +86,9 @@ def ours(
     scene = find_rough_scene(calibrated)
     sources = choose_source_views(views, scene.points)
     with nullcontext() if planes else patch.object(sweep_matcher, "fit_blank_walls", _as_found):
-        found = match_all_views(calibrated, sources, scene.depth_ranges, engine=engine, quick=quick)
+        found = match_all_views(
+            calibrated, sources, scene.depth_ranges, engine, has_thin=scene.has_thin, quick=quick
+        )
     matched, matched_cpu = time.perf_counter() - begun, time.process_time() - cpu
     colours = {name: image.colours for name, image in images.items()}
     cloud = fuse_maps(views, found, colours, smallest_group(sources)).points

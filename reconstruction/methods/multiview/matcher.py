@@ -9,6 +9,7 @@ import numpy as np
 from capture_app.console.terminal import Progress
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.matchers import Matcher
+from reconstruction.depth.rough_scene import RoughScene
 from reconstruction.depth.sweep_engine import CPU, SweepEngine
 from reconstruction.methods.multiview.colmap_workspace import (
     CudaGpu,
@@ -65,7 +66,7 @@ def match_cameras(
     workspace: Path,
     images: Mapping[str, InputImage],
     sources: Mapping[str, Sequence[str]],
-    depth_ranges: Mapping[str, tuple[float, float]],
+    rough: RoughScene,
     progress: Progress | None = None,
     still: StillScene | None = None,
 ) -> dict[str, ViewDepth]:
@@ -78,15 +79,17 @@ def match_cameras(
         views = match_all_views(
             calibrated,
             sources,
-            depth_ranges,
+            rough.depth_ranges,
             matcher.engine,
             progress,
+            has_thin=rough.has_thin,
             quick=matcher.quick,
             still=still,
         )
         return {camera: _inside(images[camera], view) for camera, view in views.items()}
     (progress or Progress(0, silent=True)).step(f"PatchMatch on {matcher.gpu[0]}")
-    whole = min(depth_ranges[c][0] for c in images), max(depth_ranges[c][1] for c in images)
+    nearest, farthest = zip(*(rough.depth_ranges[c] for c in images), strict=True)
+    whole = min(nearest), max(farthest)
     write_workspace(workspace, image_views(images), image_colours(images), depth_range=whole)
     run_patch_match(matcher.gpu, workspace, *whole)
     return read_maps(workspace, images)

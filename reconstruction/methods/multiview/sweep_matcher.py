@@ -71,12 +71,13 @@ def match_all_views(
     engine: SweepEngine = CPU,
     progress: Progress | None = None,
     *,
+    has_thin: bool = False,
     quick: bool = False,
     still: StillScene | None = None,
 ) -> dict[str, ViewDepth]:
     """Compute depth and normals of every camera that has sources.
 
-    `depth_ranges`: each camera's nearest and farthest depth. `progress` advances by a step after each camera.
+    `depth_ranges` and `has_thin` are the rough scene's. `progress` advances by a step after each camera.
     `quick`: a first sweep at half the size, in half the time; thin parts and edges suffer.
     `still`: depth of earlier instants, reused where nothing moved; it also stores the new results.
     Call `StillScene.look` with these images before.
@@ -84,7 +85,6 @@ def match_all_views(
     still = still or StillScene()
     new = {name: still.new(name, image) for name, image in images.items()}
     steps = progress or Progress(0, silent=True)
-    has_thin = still.scene is not None and still.scene.has_thin
     names = [name for name in images if sources.get(name)]
     paired = [name for name in names if [name] == [o for other in sources[name] for o in sources[other]]]
     budget = memory_budget()

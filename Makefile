@@ -1,4 +1,4 @@
-# make install   put capture-app and reconstruct on the PATH (EXTRAS=export,plots,pictures,rerun,cluster,gpu: those too)
+# make install   put capture-app and reconstruct on the PATH (EXTRAS=export,plots,pictures,rerun,cluster: those too)
 # make install-capture   the same without reconstruction, for machines that only capture      make uninstall
 # make demo   capture a synchronized burst with five simulated cameras and compare it with offset frames
 # make test   the unit tests, in about 4 minutes        make check   lint, types, architecture          make format

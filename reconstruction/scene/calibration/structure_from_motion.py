@@ -16,7 +16,7 @@ from capture_app.console.terminal import talk
 from capture_app.session.format.calibration import Calibration, CameraCalibration
 from capture_app.session.reading.decoding import read_exif
 from reconstruction.common.colmap import load_pycolmap
-from reconstruction.common.geometry import Array, View
+from reconstruction.common.geometry import View
 from reconstruction.common.image_files import FAST_PNG, write_image
 from reconstruction.common.memory import memory_budget
 from reconstruction.common.native_libraries import ForeignError
@@ -55,6 +55,8 @@ PEAK_THRESHOLD = 0.004
 """Minimum contrast of a feature, below COLMAP's 0.0067: a median over time has little noise."""
 FIRST_PAIR_DEG = 4.0
 """Minimum angle between the rays of the first two cameras: neighbours in a row are below COLMAP's 16."""
+MAX_BENT = 3.0
+"""Squared ray, at 60 degrees, up to which a plane is sought; farther out, rays enlarge a pixel's noise."""
 FEATURE_FRACTION = 0.6
 """Fraction of the memory budget for all images whose features are extracted at once."""
 
@@ -237,7 +239,7 @@ def _found(
             "only one camera could be placed", hint=f"the views need to overlap more{advice}"
         )
     guess = f", {GUESS}" if advice else ""
-    flat = not held and all(fit_one_plane(*at) for at in _shared_pixels(rec))
+    flat = not held and lie_flat(rec)
     errors = [] if held or flat else focal_errors(pycolmap, rec)
     lenses = _lens_errors_text(errors, held=held, flat=flat)
     missing = ", ".join(name for name in dataset.cameras if name not in found)
@@ -286,18 +288,22 @@ def is_guess(source: str) -> bool:
     return GUESS in source or UNCONFIRMED in source
 
 
-def _shared_pixels(rec: Any) -> list[tuple[Array, Array]]:
-    """Return the pixels (n, 2) of common points in the images of two cameras, for each two."""
-    shown = {image.camera_id: image for image in rec.images.values() if image.has_pose}
-    places = [
-        {point.point3D_id: point.xy for point in image.points2D if point.has_point3D()}
-        for image in shown.values()
-    ]
-    shared = (([*first.keys() & other.keys()], first, other) for first, other in combinations(places, 2))
-    return [
-        (np.array([one[key] for key in keys]), np.array([other[key] for key in keys]))
-        for keys, one, other in shared
-    ]
+def lie_flat(rec: Any) -> bool:
+    """Return whether what any two cameras of a model see determines no geometry; see `fit_one_plane`.
+
+    By rays, as pixels of a straight lens: what lies in a plane bends in a fisheye's image.
+    """
+    seen = []
+    for image in {image.camera_id: image for image in rec.images.values() if image.has_pose}.values():
+        points = [point for point in image.points2D if point.has_point3D()]
+        rays = image.camera.cam_from_img(np.array([point.xy for point in points]).reshape(-1, 2))
+        near = (rays**2).sum(1) < MAX_BENT
+        straight = rays * image.camera.params[0]
+        seen.append(
+            {p.point3D_id: at for p, at, is_near in zip(points, straight, near, strict=True) if is_near}
+        )
+    both = ((first, other, [*first.keys() & other.keys()]) for first, other in combinations(seen, 2))
+    return all(fit_one_plane(*(np.array([of[key] for key in keys]) for of in pair)) for *pair, keys in both)
 
 
 def focal_errors(pycolmap: Any, rec: Any) -> list[float]:

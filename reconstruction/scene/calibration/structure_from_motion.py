@@ -2,8 +2,9 @@
 
 import math
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
+from copy import deepcopy
 from itertools import combinations
 from pathlib import Path
 from typing import Any
@@ -37,6 +38,9 @@ GIVEN_ERROR = 0.04
 STARTS = (1.0, 1 - GIVEN_ERROR, 1 + GIVEN_ERROR)
 """Factors of given focal lengths from which these are sought. By the exact one, both poses that a plane
 allows fit a pair equally, and COLMAP's choices for several pairs may contradict each other."""
+DETOURS, MAX_RISE = (0.5, 1.4), 1.1
+"""Factors of found focal lengths from which these are sought again, without distortion at first, and the rise
+of the reprojection error up to which what is found then is as good."""
 MIN_TO_SEPARATE_LENSES = 3
 """Minimum cameras that determine focal lengths; with two whose axes meet, any focal length fits."""
 GUESS = "a guess from these pictures alone"
@@ -309,8 +313,9 @@ def lie_flat(rec: Any) -> bool:
 def focal_errors(pycolmap: Any, rec: Any) -> list[float]:
     """Return the relative 95 % errors of a model's focal lengths; none if they are free or for two cameras.
 
-    From the covariance of a bundle adjustment, which refines the model. Principal points count as known, and
-    lenses as having one distortion term.
+    From the covariance of a bundle adjustment, which refines the model, and from adjustments that begin at
+    other focal lengths: a scene with little depth has several that fit as well, each with a small covariance.
+    Principal points count as known, and lenses as having one distortion term.
     """
     shown = [image for image in rec.images.values() if image.has_pose]
     if len(shown) < MIN_TO_SEPARATE_LENSES:
@@ -329,10 +334,32 @@ def focal_errors(pycolmap: Any, rec: Any) -> list[float]:
     covariances = [] if covariance is None else [covariance.get_other_params_cov(lens) for lens in lenses]
     if spare < 1 or not covariances or any(places is None for places in covariances):
         return []
+    others = [*_detours(pycolmap, rec)]
     return [
-        2 * math.sqrt(2 * solved.final_cost / spare * places[0, 0]) / float(lens[0])
-        for places, lens in zip(covariances, lenses, strict=True)
+        2 * math.sqrt(2 * solved.final_cost / spare * places[0, 0]) / float(image.camera.focal_length)
+        + max(
+            (abs(math.log(other[image.camera_id] / image.camera.focal_length)) for other in others), default=0
+        )
+        for places, image in zip(covariances, shown, strict=True)
     ]
+
+
+def _detours(pycolmap: Any, rec: Any) -> Iterator[dict[int, float]]:
+    """Yield focal lengths, by camera, that fit a model's points as well as its own."""
+    rec.update_point_3d_errors()
+    worst_px = MAX_RISE * rec.compute_mean_reprojection_error()
+    for factor in DETOURS:
+        other = deepcopy(rec)
+        for camera in other.cameras.values():
+            focal, *centre = camera.params[:3]
+            camera.params = [factor * focal, *centre] + [0.0] * (len(camera.params) - 3)
+        for free in (False, True):
+            options = pycolmap.BundleAdjustmentOptions(print_summary=False)
+            options.refine_focal_length = options.refine_extra_params = free
+            pycolmap.bundle_adjustment(other, options)
+        other.update_point_3d_errors()
+        if other.compute_mean_reprojection_error() < worst_px:
+            yield {number: camera.focal_length for number, camera in other.cameras.items()}
 
 
 def _extraction(pycolmap: Any, sizes: Sequence[tuple[int, int]]) -> Any:

@@ -125,3 +125,14 @@ def test_a_frame_period_of_a_year_takes_no_more_memory() -> None:
         found.instant, found.offset_ms, np.ones(len(found.instant)), np.ones(len(found.instant))
     )
     assert not find_change(votes, period_ms=3e10)
+
+
+def test_an_instant_at_which_motion_turns_does_not_disagree() -> None:
+    """There, points cross their lines slowly at the common offset, and fast where they come back."""
+    found = take()
+    first = found.instant == 0
+    back = replace(found, offset_ms=np.where(first, found.offset_ms - 2 * PERIOD_MS, found.offset_ms))
+    assert judged(back).disagreeing == (0,)
+    slow = found.only(first)
+    slow = replace(slow, across_px_per_ms=np.full(len(slow.counts), 0.8 / PERIOD_MS))
+    assert judged(Crossings.join([back, slow])).disagreeing == ()

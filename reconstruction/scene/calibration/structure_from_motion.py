@@ -353,14 +353,15 @@ def _detours(pycolmap: Any, rec: Any) -> Iterator[dict[int, float]]:
         for camera in other.cameras.values():
             focal, *centre = camera.params[:3]
             camera.params = [factor * focal, *centre] + [0.0] * (len(camera.params) - 3)
-        for free in (False, True):
-            options = pycolmap.BundleAdjustmentOptions(print_summary=False)
-            options.refine_focal_length = options.refine_extra_params = free
-            pycolmap.bundle_adjustment(other, options)
-        other.update_point_3d_errors()
-        # Points behind their cameras have no error, or an infinite one.
-        if 1 / MAX_CHANGE < other.compute_mean_reprojection_error() / own_px < MAX_CHANGE:
-            yield {number: camera.focal_length for number, camera in other.cameras.items()}
+        with suppress(ForeignError):
+            for free in (False, True):
+                options = pycolmap.BundleAdjustmentOptions(print_summary=False)
+                options.refine_focal_length = options.refine_extra_params = free
+                pycolmap.bundle_adjustment(other, options)
+            other.update_point_3d_errors()
+            # Points behind their cameras have no error, or an infinite one.
+            if own_px / MAX_CHANGE < other.compute_mean_reprojection_error() < own_px * MAX_CHANGE:
+                yield {number: camera.focal_length for number, camera in other.cameras.items()}
 
 
 def _extraction(pycolmap: Any, sizes: Sequence[tuple[int, int]]) -> Any:

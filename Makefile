@@ -37,6 +37,8 @@
 # make bench NAME=any-rig   depth of an object by rigs of every kind: rings, a dome, opposite pairs, mixed (30 min; BENCH="--width 320")
 # make bench NAME=confidence   of depths said to be right with some probability, how many are (10 min; BENCH="--pose-error 0.5")
 # make bench NAME=pose-errors   depth by the error of the cameras' poses, and with --refine (15 min; BENCH="--quick --error 2")
+# make bench NAME=wrong-fields   what is said of sessions calibrated with a wrong field of view, of three scenes (20 min; BENCH="crossing --error 20")
+# make bench NAME=fisheyes   a board's calibration of fisheyes; their depth, views and splat beside the perspective twin's (3 min)
 # make bench NAME=board-errors   errors that board calibrations state, beside the true ones (17 min; BENCH="--rigs 20")
 # make bench NAME=pairs   wrong pixels of rectified pairs with a truth, beside OpenCV's SGBM (BENCH="FOLDER ...": other pairs)
 # make bench NAME=people   joints of a drawn figure whose cameras are in step, late, staggered or of unequal rates (8 min; BENCH="--cameras 4")
@@ -170,6 +172,8 @@ BENCH_left-out := benchmarks.reconstruction.left_out_cameras
 BENCH_any-rig := benchmarks.reconstruction.any_rig
 BENCH_confidence := benchmarks.reconstruction.depth_confidence
 BENCH_pose-errors := benchmarks.reconstruction.pose_errors
+BENCH_wrong-fields := benchmarks.reconstruction.wrong_fields
+BENCH_fisheyes := benchmarks.reconstruction.fisheye_twin
 BENCH_board-errors := benchmarks.reconstruction.board_errors
 BENCH_pairs := benchmarks.reconstruction.stereo_pairs
 BENCH_verdicts := benchmarks.reconstruction.verdicts

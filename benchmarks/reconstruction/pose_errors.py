@@ -2,15 +2,17 @@
 
     python -m benchmarks.reconstruction.pose_errors              the sample session jumper, 2 draws each
     python -m benchmarks.reconstruction.pose_errors --session FOLDER --error 0.5
+    python -m benchmarks.reconstruction.pose_errors --turned 1 --turned 4 --width 320 --quick --as-it-is
 
 Each camera is turned by a random angle (standard deviation, px in its image), and with --moved moved by as
-much at 3 m. Images cannot show how wrong all distances between cameras are: refined depth is as wrong. Means
+much at 3 m. With --turned, only that many cameras are, drawn by chance; "said" is what `multiview` warns of.
+Images cannot show how wrong all distances between cameras are: refined depth is as wrong. Means
 over all cameras. A session with ground truth; simulated.
 """
 
+import argparse
 import shutil
 import tempfile
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -29,17 +31,24 @@ DISTANCE = 3.0
 """Distance, in the calibration's unit, at which a move counts like a turn."""
 COLUMNS = {
     "error_px": ("error, px", "g"),
+    "turned": ("cameras", "d"),
     "rest_px": ("misfit, px", ".2f"),
     "within_2pct": ("within 2 %", ".1%"),
     "expected": ("expected", ".1%"),
+    "said": ("said", ""),
     "refined_px": ("refined: misfit", ".2f"),
     "refined_within_2pct": ("within 2 %", ".1%"),
     "refined_expected": ("expected", ".1%"),
 }
 
 
-def spoilt(calibration: Calibration, error_px: float, seed: int, distance: float) -> Calibration:
-    """Return a calibration with each camera turned by that, and moved by as much at a distance."""
+def spoilt(
+    calibration: Calibration, error_px: float, seed: int, distance: float, turned: int | None = None
+) -> Calibration:
+    """Return a calibration with each camera turned by that, and moved by as much at a distance.
+
+    `turned`: only so many, drawn by chance.
+    """
     rng = np.random.default_rng(seed)
 
     def wrong(camera: CameraCalibration) -> CameraCalibration:
@@ -51,30 +60,36 @@ def spoilt(calibration: Calibration, error_px: float, seed: int, distance: float
         )
 
     cameras = {name: wrong(camera) for name, camera in calibration.cameras.items()}
+    if turned is not None:
+        kept = np.random.default_rng([seed, turned]).permutation([*cameras])[turned:]
+        cameras |= {name: calibration.cameras[name] for name in kept}
     return msgspec.structs.replace(calibration, cameras=cameras)
 
 
 def run(
-    session: Path, errors_px: tuple[float, ...], draws: int, scratch: Path, *, distance: float, quick: bool
-) -> Iterator[dict[str, Any]]:
-    """Yield a row for each error and draw."""
+    session: Path, error_px: float, seed: int, scratch: Path, turned: int | None, asked: argparse.Namespace
+) -> dict[str, Any]:
+    """Return the row of an error and a draw."""
     true = open_session(session).calibration()
     assert true is not None
-    for error_px in errors_px:
-        for seed in range(draws if error_px else 1):
-            copy = scratch / f"{session.name}-{error_px:g}-{seed}"
-            shutil.copytree(session, copy)
-            (copy / CALIBRATION).write_bytes(msgspec.json.encode(spoilt(true, error_px, seed, distance)))
-            row: dict[str, Any] = {"error_px": error_px}
-            for prefix, refine in (("", False), ("refined_", True)):
-                options = Multiview(instant=INSTANT, mesh=False, cloud=False, refine=refine, quick=quick)
-                made = open_session(copy).multiview(options)
-                views = [view for view in made.result.views if view.within_2pct is not None]
-                row[f"{prefix}within_2pct"] = float(np.mean([view.within_2pct for view in views]))
-                row[f"{prefix}expected"] = float(np.mean([view.expected_within_2pct for view in views]))
-                row[f"{prefix}px" if prefix else "rest_px"] = made.result.rest_error_px
-            talk(f"{copy.name}: {row['within_2pct']:.1%}, refined {row['refined_within_2pct']:.1%}")
-            yield row
+    copy = scratch / f"{session.name}-{error_px:g}-{seed}-{turned}"
+    shutil.copytree(session, copy)
+    wrong = spoilt(true, error_px, seed, DISTANCE * asked.moved, turned)
+    (copy / CALIBRATION).write_bytes(msgspec.json.encode(wrong))
+    row: dict[str, Any] = {"error_px": error_px, "turned": len(true.cameras) if turned is None else turned}
+    for prefix, refine in (("", False), *([] if asked.as_it_is else [("refined_", True)])):
+        options = Multiview(
+            instant=INSTANT, mesh=False, cloud=False, refine=refine, quick=asked.quick, width=asked.width
+        )
+        result = open_session(copy).multiview(options).result
+        views = [view for view in result.views if view.within_2pct is not None]
+        row[f"{prefix}within_2pct"] = float(np.mean([view.within_2pct for view in views]))
+        row[f"{prefix}expected"] = float(np.mean([view.expected_within_2pct for view in views]))
+        row[f"{prefix}px" if prefix else "rest_px"] = result.rest_error_px
+        if not refine:
+            row["said"] = "warned" if "warning" in result.basis else "-"
+    talk(str(row))
+    return row
 
 
 def main() -> None:
@@ -85,19 +100,17 @@ def main() -> None:
     parser.add_argument("--draws", type=int, default=2, help="of each error [default: 2]")
     parser.add_argument("--moved", action="store_true", help="move the cameras too")
     parser.add_argument("--quick", action="store_true", help="as the command's")
+    parser.add_argument("--turned", type=int, action="append", metavar="N", help="cameras [default: all]")
+    parser.add_argument("--width", type=int, metavar="PX", help="as the command's")
+    parser.add_argument("--as-it-is", action="store_true", help="not with --refine")
     asked = parser.parse_args()
     with tempfile.TemporaryDirectory() as scratch:
-        errors_px = tuple(asked.error or ERRORS_PX)
-        rows = list(
-            run(
-                asked.session,
-                errors_px,
-                asked.draws,
-                Path(scratch),
-                distance=DISTANCE * asked.moved,
-                quick=asked.quick,
-            )
-        )
+        rows = [
+            run(asked.session, error_px, seed, Path(scratch), turned, asked)
+            for error_px in asked.error or ERRORS_PX
+            for turned in asked.turned or (None,)
+            for seed in range(asked.draws if error_px else 1)
+        ]
     print_report({"rows": rows}, lambda report: print_rows(report["rows"], COLUMNS), as_json=asked.json)
 
 

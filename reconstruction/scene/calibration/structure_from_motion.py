@@ -38,8 +38,8 @@ GIVEN_ERROR = 0.04
 STARTS = (1.0, 1 - GIVEN_ERROR, 1 + GIVEN_ERROR)
 """Factors of given focal lengths from which these are sought. By the exact one, both poses that a plane
 allows fit a pair equally, and COLMAP's choices for several pairs may contradict each other."""
-DETOURS, MAX_RISE = (0.5, 1.4), 1.1
-"""Factors of found focal lengths from which these are sought again, without distortion at first, and the rise
+DETOURS, MAX_CHANGE = (0.5, 1.4), 1.1
+"""Factors of found focal lengths from which these are sought again, without distortion at first, and change
 of the reprojection error up to which what is found then is as good."""
 MIN_TO_SEPARATE_LENSES = 3
 """Minimum cameras that determine focal lengths; with two whose axes meet, any focal length fits."""
@@ -347,19 +347,21 @@ def focal_errors(pycolmap: Any, rec: Any) -> list[float]:
 def _detours(pycolmap: Any, rec: Any) -> Iterator[dict[int, float]]:
     """Yield focal lengths, by camera, that fit a model's points as well as its own."""
     rec.update_point_3d_errors()
-    worst_px = MAX_RISE * rec.compute_mean_reprojection_error()
+    own_px = rec.compute_mean_reprojection_error()
     for factor in DETOURS:
         other = deepcopy(rec)
         for camera in other.cameras.values():
             focal, *centre = camera.params[:3]
             camera.params = [factor * focal, *centre] + [0.0] * (len(camera.params) - 3)
-        for free in (False, True):
-            options = pycolmap.BundleAdjustmentOptions(print_summary=False)
-            options.refine_focal_length = options.refine_extra_params = free
-            pycolmap.bundle_adjustment(other, options)
-        other.update_point_3d_errors()
-        if other.compute_mean_reprojection_error() < worst_px:
-            yield {number: camera.focal_length for number, camera in other.cameras.items()}
+        with suppress(ForeignError):
+            for free in (False, True):
+                options = pycolmap.BundleAdjustmentOptions(print_summary=False)
+                options.refine_focal_length = options.refine_extra_params = free
+                pycolmap.bundle_adjustment(other, options)
+            other.update_point_3d_errors()
+            # Points behind their cameras have no error, or an infinite one.
+            if own_px / MAX_CHANGE < other.compute_mean_reprojection_error() < own_px * MAX_CHANGE:
+                yield {number: camera.focal_length for number, camera in other.cameras.items()}
 
 
 def _extraction(pycolmap: Any, sizes: Sequence[tuple[int, int]]) -> Any:

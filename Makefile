@@ -5,6 +5,7 @@
 # make test KIND=core   the unit tests without those of cameras, programs, companions and methods
 # make test KIND=system   rigs of processes, browsers, whole comparisons, pages that newcomers read (20 minutes)
 # make test KIND=nightly   all pages, all seeds, crafted files, writers killed at every step (hours; PART=3/12: a twelfth of them)
+# make test KIND=debian   README's commands, as typed, on bare Debians (root; PART=1/2: Debian 12, PART=2/2: 13)
 # make test NEWEST=1   the unit tests with the newest release of everything, in build/newest (remove it to try still newer ones)
 # make test KIND=phones   the page of phones in real browsers
 # make test KIND=docs   every command line of README and docs, run beside a simulated rig (some minutes)
@@ -118,7 +119,8 @@ CROWD := -n $(WORKERS) --dist worksteal
 TEST_unit := $(CROWD) tests/unit
 TEST_core := $(CROWD) $(addprefix --ignore tests/unit/,plugins companions reconstruction/methods) tests/unit
 TEST_system := $(CROWD) tests/system
-TEST_nightly := $(CROWD) --ignore tests/nightly/drivers tests/nightly $(if $(PART),--part $(PART))
+TEST_debian := tests/nightly/documentation/test_readme_on_bare_debian.py
+TEST_nightly := $(CROWD) --ignore tests/nightly/drivers --ignore $(TEST_debian) tests/nightly
 TEST_docs := -n auto $(wildcard tests/*/documentation)
 TEST_phones := $(wildcard tests/*/companions/phones) tests/system/end_to_end/test_phones.py
 TEST_v4l2 := $(wildcard tests/nightly/drivers/test_v4l2_*.py)
@@ -128,7 +130,7 @@ TEST_mixed := -s tests/nightly/drivers/mixed
 TEST_slurm := tests/nightly/drivers/slurm
 
 test: $(VENV)/.installed-dev | $(filter slurm,$(KIND))
-	$(BIN)/pytest $(or $(TEST_$(KIND)),$(error there is no KIND=$(KIND): see make help))
+	$(BIN)/pytest $(or $(TEST_$(KIND)),$(error there is no KIND=$(KIND): see make help)) $(if $(PART),--part $(PART))
 
 coverage: $(VENV)/.installed-dev
 	mkdir -p build

@@ -77,8 +77,7 @@ def match_cameras(
         )
         return {camera: _inside(images[camera], view) for camera, view in views.items()}
     (progress or Progress(0, silent=True)).step(f"PatchMatch on {matcher.gpu[0]}")
-    nearest, farthest = zip(*(rough.depth_ranges[c] for c in images), strict=True)
-    whole = min(nearest), max(farthest)
+    whole = min(rough.depth_ranges[c][0] for c in images), max(rough.depth_ranges[c][1] for c in images)
     write_workspace(workspace, image_views(images), image_colours(images), depth_range=whole)
     run_patch_match(matcher.gpu, workspace, *whole)
     return read_maps(workspace, images)

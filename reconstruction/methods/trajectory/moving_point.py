@@ -23,22 +23,15 @@ def find_moving_points(images: Iterable[Array], background: Array, frames: int) 
     if nothing moves, if the region touches the edge of the image, or if something stays in the region for so
     long that the background may show it.
     """
-    points: list[Array | None] = []
-    regions, covered = [], np.zeros(background.shape, int)
+    found, covered = [], np.zeros(background.shape, int)
     for image in images:
         moving = detect_moving(image, (), background)
         covered += moving
-        region = _largest_region(moving)
-        regions.append(region)
-        contrast = np.abs(image[region].astype(float) - background[region])
-        points.append(
-            np.array([contrast @ region[1], contrast @ region[0]]) / max(float(contrast.sum()), 1.0)
-        )
+        ys, xs = _largest_region(moving)
+        contrast = np.abs(image[ys, xs].astype(float) - background[ys, xs])
+        found.append((np.array([contrast @ xs, contrast @ ys]) / max(float(contrast.sum()), 1.0), ys, xs))
     stays = covered > MAX_STAY * frames
-    return [
-        point if len(region[0]) and not stays[region].any() else None
-        for point, region in zip(points, regions, strict=True)
-    ]
+    return [middle if len(ys) and not stays[ys, xs].any() else None for middle, ys, xs in found]
 
 
 def _largest_region(moving: Array) -> tuple[Array, ...]:
@@ -48,6 +41,5 @@ def _largest_region(moving: Array) -> tuple[Array, ...]:
     largest = int(np.argmax(boxes[:, cv2.CC_STAT_AREA]))
     left, top, width, height = (int(side) for side in boxes[largest, :4])
     rows, columns = moving.shape
-    if min(left, top) < EDGE_PX or left + width > columns - EDGE_PX or top + height > rows - EDGE_PX:
-        return np.nonzero(np.zeros_like(moving))
-    return np.nonzero(dilate(labels == largest, AROUND_PX))
+    whole = min(left, top, columns - left - width, rows - top - height) >= EDGE_PX
+    return np.nonzero(dilate(labels == largest, AROUND_PX) & whole)

@@ -81,8 +81,8 @@ def follow(
         projection = view.matrix @ np.column_stack([view.rotation, view.translation])
         there = [k for camera, k in frames if camera == name]
         images, total = (dataset.grey(name, k) for k in there), len(dataset.instants(name))
-        points = find_moving_points(images, motion.background(name), total)
-        for k, point in zip(there, points, strict=True):
+        middles = find_moving_points(images, motion.background(name), total)
+        for k, point in zip(there, middles, strict=True):
             if point is None:
                 continue
             record = dataset.record(name, k)

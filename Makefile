@@ -1,4 +1,4 @@
-# make install   put capture-app and reconstruct on the PATH (EXTRAS=export,plots,pictures,rerun,cluster,gpu: those too)
+# make install   put capture-app and reconstruct on the PATH (EXTRAS=export,plots,pictures,rerun,cluster: those too)
 # make install-capture   the same without reconstruction, for machines that only capture      make uninstall
 # make demo   capture a synchronized burst with five simulated cameras and compare it with offset frames
 # make test   the unit tests, in about 4 minutes        make check   lint, types, architecture          make format
@@ -13,6 +13,7 @@
 # make test KIND=gige   three GigE Vision cameras of aravis's own making in network namespaces (root, gir1.2-aravis-0.8, gcc; 5 min)
 # make test KIND=mixed   one rig of five kinds: libcamera's double, GigE Vision, a browser, a simulated phone, a recording (root, as KIND=gige, and Chromium)
 # make test KIND=slurm   batches on a real SLURM of this one machine (root)
+# make coverage   the branches that unit tests take of nodes, of session's writing and importing, of the rig's sync (4 min)
 # make readers   the programs that exports are for, so that `make test KIND=system` tries each export with them (950 MB)
 # make test-dist   wheel and sdist in clean environments, with the demo (PYTHONS="python3.11 python3.13": with these)
 # make bench NAME=sync   clock synchronization on an emulated WiFi link, beside other filters (root, 10 min; BENCH=--quick: 1 min)
@@ -78,7 +79,7 @@ WORKERS ?= $(shell expr $$(nproc 2>/dev/null || echo 2) + 2)
 # it imports.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help install install-capture uninstall demo test readers test-dist bench fuzz samples pictures wheel dist docs check format clean python system slurm
+.PHONY: help install install-capture uninstall demo test coverage readers test-dist bench fuzz samples pictures wheel dist docs check format clean python system slurm
 .DEFAULT_GOAL := help
 
 help:
@@ -128,6 +129,12 @@ TEST_slurm := tests/nightly/drivers/slurm
 
 test: $(VENV)/.installed-dev | $(filter slurm,$(KIND))
 	$(BIN)/pytest $(or $(TEST_$(KIND)),$(error there is no KIND=$(KIND): see make help))
+
+coverage: $(VENV)/.installed-dev
+	mkdir -p build
+	$(BIN)/pytest $(CROWD) $(addprefix --cov=capture_app/,node session/importing session/writing sync/rig) --cov-branch \
+	  --cov-report=json:build/coverage.json $(addprefix tests/unit/,node session sync)
+	$(BIN)/python -m tests.branch_coverage build/coverage.json
 
 # What nobody packages for pip or apt-get is not there: tests/readers.txt says what is.
 readers: $(VENV)/.installed-readers

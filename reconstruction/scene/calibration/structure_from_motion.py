@@ -2,8 +2,9 @@
 
 import math
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
+from copy import deepcopy
 from itertools import combinations
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,7 @@ from capture_app.console.terminal import talk
 from capture_app.session.format.calibration import Calibration, CameraCalibration
 from capture_app.session.reading.decoding import read_exif
 from reconstruction.common.colmap import load_pycolmap
-from reconstruction.common.geometry import Array, View
+from reconstruction.common.geometry import View
 from reconstruction.common.image_files import FAST_PNG, write_image
 from reconstruction.common.memory import memory_budget
 from reconstruction.common.native_libraries import ForeignError
@@ -37,6 +38,9 @@ GIVEN_ERROR = 0.04
 STARTS = (1.0, 1 - GIVEN_ERROR, 1 + GIVEN_ERROR)
 """Factors of given focal lengths from which these are sought. By the exact one, both poses that a plane
 allows fit a pair equally, and COLMAP's choices for several pairs may contradict each other."""
+DETOURS, MAX_RISE = (0.5, 1.4), 1.1
+"""Factors of found focal lengths from which these are sought again, without distortion at first, and the rise
+of the reprojection error up to which what is found then is as good."""
 MIN_TO_SEPARATE_LENSES = 3
 """Minimum cameras that determine focal lengths; with two whose axes meet, any focal length fits."""
 GUESS = "a guess from these pictures alone"
@@ -55,6 +59,8 @@ PEAK_THRESHOLD = 0.004
 """Minimum contrast of a feature, below COLMAP's 0.0067: a median over time has little noise."""
 FIRST_PAIR_DEG = 4.0
 """Minimum angle between the rays of the first two cameras: neighbours in a row are below COLMAP's 16."""
+MAX_BENT = 3.0
+"""Squared ray, at 60 degrees, up to which a plane is sought; farther out, rays enlarge a pixel's noise."""
 FEATURE_FRACTION = 0.6
 """Fraction of the memory budget for all images whose features are extracted at once."""
 
@@ -237,7 +243,7 @@ def _found(
             "only one camera could be placed", hint=f"the views need to overlap more{advice}"
         )
     guess = f", {GUESS}" if advice else ""
-    flat = not held and all(fit_one_plane(*at) for at in _shared_pixels(rec))
+    flat = not held and lie_flat(rec)
     errors = [] if held or flat else focal_errors(pycolmap, rec)
     lenses = _lens_errors_text(errors, held=held, flat=flat)
     missing = ", ".join(name for name in dataset.cameras if name not in found)
@@ -286,25 +292,30 @@ def is_guess(source: str) -> bool:
     return GUESS in source or UNCONFIRMED in source
 
 
-def _shared_pixels(rec: Any) -> list[tuple[Array, Array]]:
-    """Return the pixels (n, 2) of common points in the images of two cameras, for each two."""
-    shown = {image.camera_id: image for image in rec.images.values() if image.has_pose}
-    places = [
-        {point.point3D_id: point.xy for point in image.points2D if point.has_point3D()}
-        for image in shown.values()
-    ]
-    shared = (([*first.keys() & other.keys()], first, other) for first, other in combinations(places, 2))
-    return [
-        (np.array([one[key] for key in keys]), np.array([other[key] for key in keys]))
-        for keys, one, other in shared
-    ]
+def lie_flat(rec: Any) -> bool:
+    """Return whether what any two cameras of a model see determines no geometry; see `fit_one_plane`.
+
+    By rays, as pixels of a straight lens: what lies in a plane bends in a fisheye's image.
+    """
+    seen = []
+    for image in {image.camera_id: image for image in rec.images.values() if image.has_pose}.values():
+        points = [point for point in image.points2D if point.has_point3D()]
+        rays = image.camera.cam_from_img(np.array([point.xy for point in points]).reshape(-1, 2))
+        near = (rays**2).sum(1) < MAX_BENT
+        straight = rays * image.camera.params[0]
+        seen.append(
+            {p.point3D_id: at for p, at, is_near in zip(points, straight, near, strict=True) if is_near}
+        )
+    both = ((first, other, [*first.keys() & other.keys()]) for first, other in combinations(seen, 2))
+    return all(fit_one_plane(*(np.array([of[key] for key in keys]) for of in pair)) for *pair, keys in both)
 
 
 def focal_errors(pycolmap: Any, rec: Any) -> list[float]:
     """Return the relative 95 % errors of a model's focal lengths; none if they are free or for two cameras.
 
-    From the covariance of a bundle adjustment, which refines the model. Principal points count as known, and
-    lenses as having one distortion term.
+    From the covariance of a bundle adjustment, which refines the model, and from adjustments that begin at
+    other focal lengths: a scene with little depth has several that fit as well, each with a small covariance.
+    Principal points count as known, and lenses as having one distortion term.
     """
     shown = [image for image in rec.images.values() if image.has_pose]
     if len(shown) < MIN_TO_SEPARATE_LENSES:
@@ -323,10 +334,32 @@ def focal_errors(pycolmap: Any, rec: Any) -> list[float]:
     covariances = [] if covariance is None else [covariance.get_other_params_cov(lens) for lens in lenses]
     if spare < 1 or not covariances or any(places is None for places in covariances):
         return []
+    others = [*_detours(pycolmap, rec)]
     return [
-        2 * math.sqrt(2 * solved.final_cost / spare * places[0, 0]) / float(lens[0])
-        for places, lens in zip(covariances, lenses, strict=True)
+        2 * math.sqrt(2 * solved.final_cost / spare * places[0, 0]) / float(image.camera.focal_length)
+        + max(
+            (abs(math.log(other[image.camera_id] / image.camera.focal_length)) for other in others), default=0
+        )
+        for places, image in zip(covariances, shown, strict=True)
     ]
+
+
+def _detours(pycolmap: Any, rec: Any) -> Iterator[dict[int, float]]:
+    """Yield focal lengths, by camera, that fit a model's points as well as its own."""
+    rec.update_point_3d_errors()
+    worst_px = MAX_RISE * rec.compute_mean_reprojection_error()
+    for factor in DETOURS:
+        other = deepcopy(rec)
+        for camera in other.cameras.values():
+            focal, *centre = camera.params[:3]
+            camera.params = [factor * focal, *centre] + [0.0] * (len(camera.params) - 3)
+        for free in (False, True):
+            options = pycolmap.BundleAdjustmentOptions(print_summary=False)
+            options.refine_focal_length = options.refine_extra_params = free
+            pycolmap.bundle_adjustment(other, options)
+        other.update_point_3d_errors()
+        if other.compute_mean_reprojection_error() < worst_px:
+            yield {number: camera.focal_length for number, camera in other.cameras.items()}
 
 
 def _extraction(pycolmap: Any, sizes: Sequence[tuple[int, int]]) -> Any:

@@ -3,14 +3,19 @@
 `make readers` installs the programs.
 """
 
+import tomllib
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 
-from capture_app.session.format.calibration import CameraCalibration
+from capture_app.session.exporting.export_session import export_session
+from capture_app.session.format.calibration import Calibration, CameraCalibration
+from capture_app.session.format.lens import project_rays
 from capture_app.session.reading.reader import Session
-from tests.system.readers.conftest import in_camera, pixels, points_before
+from tests.system.readers.conftest import SIZES, in_camera, pixels, points_before
+from tests.unit.plugins.programs.conftest import Recipe, build
 
 pytestmark = pytest.mark.filterwarnings("ignore")  # of these programs, about what they import
 Cameras = dict[str, CameraCalibration]
@@ -45,6 +50,34 @@ def test_caliscope_has_poses_frames_and_times(session: Session, calibrated: Came
             for frame in range(len(of)):
                 shown = video.next_frame().frame_time
                 assert shown == pytest.approx(synced.time_for(number, frame), abs=0.6e-6)
+
+
+def test_anipose_and_caliscope_have_the_rays_of_fisheyes(tmp_path: Path) -> None:
+    """Caliscope's table of a camera is Anipose's."""
+    anipose = pytest.importorskip("aniposelib.cameras", reason="aniposelib is not installed")
+    arrays = pytest.importorskip("caliscope.cameras.camera_array", reason="caliscope is not installed")
+    session = build(tmp_path / "sessions" / "clap", Recipe(sizes=SIZES))
+    wide = {
+        name: msgspec.structs.replace(
+            lens, fx=0.4 * lens.width, model="fisheye", distortion=(-0.02, 0.004, -0.001, 0.0003)
+        )
+        for name, lens in session.calibration().cameras.items()
+    }
+    (session.folder / "calibration.json").write_bytes(msgspec.json.encode(Calibration(cameras=wide)))
+    export_session(Session.open(session.folder), "caliscope", tmp_path / "out", on_warning=lambda note: None)
+    file = tmp_path / "out" / "camera_array.toml"
+    tables = tomllib.loads(file.read_text())["cameras"]
+    group = anipose.CameraGroup.from_dicts([{"name": number, **table} for number, table in tables.items()])
+    array = arrays.CameraArray.from_toml(file)
+    points = np.random.default_rng(0).uniform((-1.5, -1.2, 0.7), (1.5, 1.2, 1.7), (60, 3))
+    for lens, theirs, other in zip(wide.values(), group.cameras, array.cameras.values(), strict=True):
+        there = in_camera(lens, points)
+        rays = there[:, :2] / there[:, 2:]
+        seen = project_rays(lens, rays)
+        assert np.hypot(*rays.T).max() > 1.4
+        assert theirs.project(points).reshape(-1, 2) == pytest.approx(seen, abs=1e-6)
+        assert theirs.undistort_points(seen) == pytest.approx(rays, abs=1e-6)
+        assert other.undistort_points(seen, output="normalized") == pytest.approx(rays, abs=1e-6)
 
 
 @pytest.mark.exported("freemocap")

@@ -17,6 +17,7 @@ from reconstruction.scene.calibration.structure_from_motion import (
     calibrate_from_images,
     field_of_view_deg,
     focal_errors,
+    lie_flat,
 )
 from reconstruction.scene.dataset import Dataset
 from reconstruction.scene.moving_pixels import SceneMotion
@@ -82,6 +83,31 @@ def test_two_cameras_alone_tell_no_error_of_their_lenses() -> None:
     # Of a real pair, 640 wide, 318 px were found, said to be 10 % off at most, for 1,710.
     pycolmap = pytest.importorskip("pycolmap", reason="pycolmap has no package for this machine")
     assert focal_errors(pycolmap, found_model(pycolmap, 0, (-8, 8))) == []
+
+
+@pytest.mark.parametrize("depth_m", [0.0, 1.5])
+def test_a_wall_before_fisheyes_is_known_to_be_flat(depth_m: float) -> None:
+    """Its points bend in the images; the focal lengths that fit them are off by up to a quarter."""
+    pycolmap = pytest.importorskip("pycolmap", reason="pycolmap has no package for this machine")
+    rng, model = np.random.default_rng(1), pycolmap.Reconstruction()
+    points = rng.uniform(-1, 1, (300, 3)) * (4.0, 3.0, depth_m)
+    for number, (yaw, x) in enumerate(((-10, -0.6), (4, 0.2), (10, 0.6)), 1):
+        rotation = cv2.Rodrigues(np.radians([3.0 * number - 7, yaw, 0]))[0]
+        seen = points @ rotation.T + (x, 0, 3.0)
+        away = np.hypot(seen[:, 0], seen[:, 1])
+        angle = np.arctan2(away, seen[:, 2])
+        at = 300 * seen[:, :2] * (angle / away)[:, None] + (400, 300) + rng.normal(0, 0.5, (300, 2))
+        lens = {"model": "RADIAL_FISHEYE", "params": [300, 400, 300, 0, 0], "camera_id": number}
+        model.add_camera_with_trivial_rig(pycolmap.Camera(width=800, height=600, **lens))
+        image = pycolmap.Image(name=f"{number}/0.png", keypoints=at, camera_id=number, image_id=number)
+        pose = pycolmap.Rigid3d(pycolmap.Rotation3d(rotation), np.array([x, 0, 3.0]))
+        model.add_image_with_trivial_frame(image, pose)
+    for place, point in enumerate(points):
+        track = pycolmap.Track()
+        for number in model.images:
+            track.add_element(number, place)
+        model.add_point3D(point, track, np.zeros(3, np.uint8))
+    assert lie_flat(model) == (depth_m == 0)
 
 
 def test_a_failure_for_want_of_lenses_names_the_option_that_gives_them(

@@ -13,8 +13,6 @@ from capture_app.common.address import Address
 from capture_app.common.errors import NetworkError, NotAvailableError, SimulshotError
 from capture_app.common.pairing_codes import Role
 from capture_app.common.stagger import Stagger
-from capture_app.node.leader.leader_node import LeaderNode
-from capture_app.node.leader.leader_options import LeaderOptions
 from capture_app.protocol.orders import AddCamera
 from capture_app.rig import process
 from capture_app.rig.membership import needs_pairing
@@ -28,7 +26,7 @@ from capture_app.rig.process import (
     start_rig,
 )
 from capture_app.trust.trust import Trust
-from tests.cheap_rig import rig_of
+from tests.cheap_rig import rig_of, start_leader
 from tests.waiting import until
 
 NOWHERE = Address("127.0.0.1", 1)
@@ -179,8 +177,7 @@ async def test_a_rig_that_does_not_answer_is_ended(
 
 async def test_a_machine_needs_pairing_until_the_leader_knows_it(tmp_path: Path) -> None:
     trust, own = Trust(tmp_path / "leader"), Trust(tmp_path / "own")
-    options = LeaderOptions(sessions=tmp_path / "sessions", host="127.0.0.1", port=0, trust=trust)
-    async with await LeaderNode.start(options) as leader:
+    async with await start_leader(tmp_path / "sessions", trust=trust) as leader:
         with own.in_use():
             assert await needs_pairing(leader.own_address)
             own.known.add(trust.identity.pin, Role.LEADER)

@@ -143,8 +143,6 @@ async def test_a_recording_goes_on_while_the_leaders_disk_is_full(small_disk: Pa
 async def test_a_recording_ends_its_cameras_where_the_leaders_disk_fails(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Nor does a plan that this disk does not take keep it from its end."""
-
     def fail(*_: Any, **__: Any) -> None:
         raise DiskError("the disk failed")
 
@@ -157,7 +155,6 @@ async def test_a_recording_ends_its_cameras_where_the_leaders_disk_fails(
         monkeypatch.setattr(StillClock, "shown_ns", session.burst.instants_ns[9])
         with monkeypatch.context() as failing:
             failing.setattr(SessionWriter, "append", fail)
-            failing.setattr(SessionWriter, "set_plan", fail)
             with pytest.raises(DiskError):
                 await bring(session, "a", 2)
             await until(session.finished.is_set)

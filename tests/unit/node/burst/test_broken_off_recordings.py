@@ -140,6 +140,30 @@ async def test_a_recording_goes_on_while_the_leaders_disk_is_full(small_disk: Pa
     assert (len(done.burst.instants_ns), done.missing) == (30, ())
 
 
+async def test_a_recording_ends_its_cameras_where_the_leaders_disk_fails(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: Any, **__: Any) -> None:
+        raise DiskError("the disk failed")
+
+    engine = engine_of("a")
+    async with bursts_of(tmp_path, engine) as bursts:
+        session = await bursts.order(RECORDING)
+        await begin(session, "a")
+        await bring(session, "a", 0, 1)
+        triggers_sent(engine)
+        monkeypatch.setattr(StillClock, "shown_ns", session.burst.instants_ns[9])
+        with monkeypatch.context() as failing:
+            failing.setattr(SessionWriter, "append", fail)
+            with pytest.raises(DiskError):
+                await bring(session, "a", 2)
+            await until(session.finished.is_set)
+        (ordered,) = {trigger.count for trigger in triggers_sent(engine, StillClock.shown_ns)}
+        assert 9 < ordered < 30
+        instants = whole(session.folder).manifest.burst.instants_ns
+        assert len(instants) == ordered, "its cameras have frames until then"
+
+
 async def test_a_recording_whose_disk_is_full_at_its_end_is_whole_once_there_is_room(
     small_disk: Path,
 ) -> None:

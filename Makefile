@@ -1,10 +1,11 @@
-# make install   put capture-app and reconstruct on the PATH (EXTRAS=export,plots,pictures,rerun,cluster,gpu: those too)
+# make install   put capture-app and reconstruct on the PATH (EXTRAS=export,plots,pictures,rerun,cluster: those too)
 # make install-capture   the same without reconstruction, for machines that only capture      make uninstall
 # make demo   capture a synchronized burst with five simulated cameras and compare it with offset frames
 # make test   the unit tests, in about 4 minutes        make check   lint, types, architecture          make format
 # make test KIND=core   the unit tests without those of cameras, programs, companions and methods
 # make test KIND=system   rigs of processes, browsers, whole comparisons, pages that newcomers read (20 minutes)
 # make test KIND=nightly   all pages, all seeds, crafted files, writers killed at every step (hours; PART=3/12: a twelfth of them)
+# make test KIND=debian   README's commands, as typed, on bare Debians (root; PART=1/2: Debian 12, PART=2/2: 13)
 # make test NEWEST=1   the unit tests with the newest release of everything, in build/newest (remove it to try still newer ones)
 # make test KIND=phones   the page of phones in real browsers
 # make test KIND=docs   every command line of README and docs, run beside a simulated rig (some minutes)
@@ -13,6 +14,7 @@
 # make test KIND=gige   three GigE Vision cameras of aravis's own making in network namespaces (root, gir1.2-aravis-0.8, gcc; 5 min)
 # make test KIND=mixed   one rig of five kinds: libcamera's double, GigE Vision, a browser, a simulated phone, a recording (root, as KIND=gige, and Chromium)
 # make test KIND=slurm   batches on a real SLURM of this one machine (root)
+# make coverage   the branches that unit tests take of nodes, of session's writing and importing, of the rig's sync (4 min)
 # make readers   the programs that exports are for, so that `make test KIND=system` tries each export with them (950 MB)
 # make test-dist   wheel and sdist in clean environments, with the demo (PYTHONS="python3.11 python3.13": with these)
 # make bench NAME=sync   clock synchronization on an emulated WiFi link, beside other filters (root, 10 min; BENCH=--quick: 1 min)
@@ -80,7 +82,7 @@ WORKERS ?= $(shell expr $$(nproc 2>/dev/null || echo 2) + 2)
 # it imports.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help install install-capture uninstall demo test readers test-dist bench fuzz samples pictures wheel dist docs check format clean python system slurm
+.PHONY: help install install-capture uninstall demo test coverage readers test-dist bench fuzz samples pictures wheel dist docs check format clean python system slurm
 .DEFAULT_GOAL := help
 
 help:
@@ -119,7 +121,8 @@ CROWD := -n $(WORKERS) --dist worksteal
 TEST_unit := $(CROWD) tests/unit
 TEST_core := $(CROWD) $(addprefix --ignore tests/unit/,plugins companions reconstruction/methods) tests/unit
 TEST_system := $(CROWD) tests/system
-TEST_nightly := $(CROWD) --ignore tests/nightly/drivers tests/nightly $(if $(PART),--part $(PART))
+TEST_debian := tests/nightly/documentation/test_readme_on_bare_debian.py
+TEST_nightly := $(CROWD) --ignore tests/nightly/drivers --ignore $(TEST_debian) tests/nightly
 TEST_docs := -n auto $(wildcard tests/*/documentation)
 TEST_phones := $(wildcard tests/*/companions/phones) tests/system/end_to_end/test_phones.py
 TEST_v4l2 := $(wildcard tests/nightly/drivers/test_v4l2_*.py)
@@ -129,7 +132,13 @@ TEST_mixed := -s tests/nightly/drivers/mixed
 TEST_slurm := tests/nightly/drivers/slurm
 
 test: $(VENV)/.installed-dev | $(filter slurm,$(KIND))
-	$(BIN)/pytest $(or $(TEST_$(KIND)),$(error there is no KIND=$(KIND): see make help))
+	$(BIN)/pytest $(or $(TEST_$(KIND)),$(error there is no KIND=$(KIND): see make help)) $(if $(PART),--part $(PART))
+
+coverage: $(VENV)/.installed-dev
+	mkdir -p build
+	$(BIN)/pytest $(CROWD) $(addprefix --cov=capture_app/,node session/importing session/writing sync/rig) --cov-branch \
+	  --cov-report=json:build/coverage.json $(addprefix tests/unit/,node session sync)
+	$(BIN)/python -m tests.branch_coverage build/coverage.json
 
 # What nobody packages for pip or apt-get is not there: tests/readers.txt says what is.
 readers: $(VENV)/.installed-readers

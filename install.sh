@@ -2,7 +2,7 @@
 # Puts capture-app and reconstruct on the PATH, in an environment of their own.
 #   ./install.sh                  everything
 #   ./install.sh --capture-only   without reconstruction: for machines with a camera, small ones too
-#   ./install.sh --with EXTRAS    also these extras of pyproject.toml: export, rtsp, plots, pictures, rerun, cluster, gpu
+#   ./install.sh --with EXTRAS    also these extras of pyproject.toml: export, rtsp, plots, pictures, rerun, cluster
 #   ./install.sh --remove         take both off again
 # uv or pipx does it where one of them is there; else, and for root, it is a virtual environment and two links.
 # PYTHON names another Python.

@@ -19,7 +19,7 @@ from reconstruction.commands.live import live
 from reconstruction.commands.method_command import method_command
 from reconstruction.commands.movers import movers
 from reconstruction.commands.time import time_command
-from reconstruction.common.memory import limited_memory
+from reconstruction.common.memory import limited_memory, share_heaps
 from reconstruction.common.native_libraries import TRACEBACK, claim_output, unexpected_error
 from reconstruction.common.picture_checksums import checked_pictures
 from reconstruction.method.interface import methods
@@ -85,6 +85,7 @@ def main() -> None:
     # SIGTERM cleans up as Ctrl-C does.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     claim_output()
+    share_heaps()
     code = run(sys.argv[1:])
     if code == ExitCode.INTERRUPTED:
         # Cleanup is finished. A normal exit would wait for threads that still compute.

@@ -21,12 +21,16 @@ from capture_app.session.reading.array_access import OpenSession, open_session
 from tests.waiting import until
 
 
+async def start_leader(sessions: Path, **options: Any) -> LeaderNode:
+    """Start a leader of this machine alone, on any port, until the end of `async with`."""
+    return await LeaderNode.start(LeaderOptions(sessions=sessions, host="127.0.0.1", port=0, **options))
+
+
 @contextlib.asynccontextmanager
 async def rig_of(cameras: int, sessions: Path, **options_of_nodes: Any) -> AsyncIterator[LeaderNode]:
     """A leader and so many cheap cameras, in this process."""
-    options = LeaderOptions(sessions=sessions, host="127.0.0.1", port=0)
     async with (
-        await LeaderNode.start(options) as leader,
+        await start_leader(sessions) as leader,
         cheap_cameras(cameras, leader.own_address, **options_of_nodes),
     ):
         yield leader

@@ -74,12 +74,11 @@ def shared() -> Path:
 
 @pytest.fixture(scope="session", autouse=True)
 def state_folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
-    """Programs that tests start keep their state here, not in the user's own folder, and use no GPU."""
+    """Programs that tests start keep their state here, not in the user's own folder."""
     folder = tmp_path_factory.mktemp("state")
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_STATE_HOME", str(folder))
         patch.setenv("XDG_DATA_HOME", str(folder / "data"))
-        patch.setenv("SIMULSHOT_GPU", "")
         yield folder
 
 

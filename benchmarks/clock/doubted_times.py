@@ -8,13 +8,13 @@ until a second after it was noticed, by all cameras that it concerns. Simulated.
 from typing import Any
 
 from benchmarks.report import Columns, Report, new_parser, print_report, print_rows
+from benchmarks.simulated.changing_clocks import ChangingClock, RateSpell
 from benchmarks.simulated.links import Link
 from benchmarks.simulated.virtual_rig import NodeSpec, VirtualRig
 from benchmarks.simulated.wireless import PAPER_LINK, GammaDelay
 from capture_app.common.clock import NodeClock, SimulatedClock
 from capture_app.plugins.cameras.sim.profiles import PROFILES
 from capture_app.sync.timekeeping.clock_events import TimesDoubted
-from tests.unit.benchmarks.simulated.changing_clock import ChangingClock, RateSpell
 
 S = 1_000_000_000
 SETTLE_NS, BEGINS_NS, LASTS_NS = 30 * S, 3 * S, 12 * S

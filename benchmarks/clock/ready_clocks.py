@@ -14,8 +14,13 @@ from math import inf
 from pathlib import Path
 from statistics import fmean
 
+from benchmarks.clock.clock_changes import cable, loopback, wifi
+from benchmarks.paper.clock_trials import DrawLink
 from benchmarks.paper.trials import call_all, quantile
 from benchmarks.report import Columns, new_parser, print_rows
+from benchmarks.simulated.changing_clocks import ChangingClock, RateSpell
+from benchmarks.simulated.clock_pair import START_TRUE_NS, ClockPair
+from benchmarks.simulated.link_spells import LAWS, recorded_laws
 from benchmarks.simulated.virtual_rig import NodeSpec, VirtualRig
 from capture_app.common.clock import SimulatedClock
 from capture_app.common.node_state import NodeState
@@ -25,10 +30,6 @@ from capture_app.sync.rig.client import Client, ClientConfig
 from capture_app.sync.rig.leader_engine import LeaderConfig
 from capture_app.sync.timekeeping.clock_events import ClockChanged, ClockRateUnusual
 from capture_app.sync.wire.datagrams import CLOCK, Report
-from tests.unit.benchmarks.simulated.changing_clock import ChangingClock, RateSpell
-from tests.unit.benchmarks.simulated.clock_changes import DrawLink, cable, loopback, wifi
-from tests.unit.benchmarks.simulated.clock_pair import START_TRUE_NS, ClockPair
-from tests.unit.benchmarks.simulated.link_spells import LAWS, recorded_laws
 
 S = 1_000_000_000
 LOOK_EVERY_NS = 100_000_000

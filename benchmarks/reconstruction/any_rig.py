@@ -70,7 +70,7 @@ def measure(rig: RenderedRig) -> dict[str, Any]:
     try:
         scene = find_rough_scene(calibrated)
         sources = choose_source_views({name: rig.views[name] for name in scene.points}, scene.points)
-        found = match_all_views(calibrated, sources, scene.depth_ranges)
+        found = match_all_views(calibrated, sources, scene.depth_ranges, has_thin=scene.has_thin)
     except BadInputError as error:
         return row | {"object_within_1pct": 0.0, "refused": error.what}
     row["cpu_s_per_map"] = round((time.process_time() - begun) / max(1, len(found)), 2)

@@ -82,7 +82,7 @@ def judge(case: str, images: Mapping[str, InputImage], truth: Mapping[str, Array
     misfit_px = check_images(images).error_px
     scene = find_rough_scene(calibrated)
     sources = choose_source_views({name: calibrated[name].view for name in scene.points}, scene.points)
-    found = match_all_views(calibrated, sources, scene.depth_ranges)
+    found = match_all_views(calibrated, sources, scene.depth_ranges, has_thin=scene.has_thin)
     begun = time.process_time()
     supports = dict(measure_support(calibrated, sources, found))
     cpu_s = (time.process_time() - begun) / len(found)

@@ -5,7 +5,6 @@
     python -m benchmarks.reconstruction.multiview --size 1920x1440 --condition synced
     python -m benchmarks.reconstruction.multiview --row FOLDER      real images: see `camera_rows`
 
-Where there is a GPU that passes its test, the package's sweep is measured on it too.
 Each method runs in a process of its own, on the same pictures, after the other; the package's five times with
 grey levels that differ by a hundred-thousandth (means, and the spread of the first share). Shares are of all
 pixels that have a true depth, empty ones counted as wrong, of the rig's middle camera that has one. Simulated
@@ -33,13 +32,11 @@ from benchmarks.reconstruction.multiview_scenes import SCENES, Condition, Render
 from benchmarks.report import new_parser, print_report, print_rows, talk
 from reconstruction.common.geometry import Array, View
 from reconstruction.depth.rough_scene import find_rough_scene
-from reconstruction.depth.sweep_engine import CPU, SweepEngine
 from reconstruction.depth.view_choice import choose_reference_view, choose_source_views, smallest_group
 from reconstruction.method.tally import Measurements
 from reconstruction.method.truth import depth_shares, right_depth
 from reconstruction.methods.multiview import sweep_matcher
 from reconstruction.methods.multiview.fusion import fuse_maps
-from reconstruction.methods.multiview.gpu import GpuEngine, find_engine
 from reconstruction.methods.multiview.input_images import undistort_image
 from reconstruction.methods.multiview.instant_scoring import count_near, true_surfaces
 from reconstruction.methods.multiview.sweep_matcher import match_all_views
@@ -63,7 +60,6 @@ def ours(
     views: dict[str, View],
     condition: Condition,
     reference: str,
-    engine: SweepEngine = CPU,
     *,
     quick: bool = False,
     planes: bool = True,
@@ -86,7 +82,7 @@ def ours(
     scene = find_rough_scene(calibrated)
     sources = choose_source_views(views, scene.points)
     with nullcontext() if planes else patch.object(sweep_matcher, "fit_blank_walls", _as_found):
-        found = match_all_views(calibrated, sources, scene.depth_ranges, engine=engine, quick=quick)
+        found = match_all_views(calibrated, sources, scene.depth_ranges, has_thin=scene.has_thin, quick=quick)
     matched, matched_cpu = time.perf_counter() - begun, time.process_time() - cpu
     colours = {name: image.colours for name, image in images.items()}
     cloud = fuse_maps(views, found, colours, smallest_group(sources)).points
@@ -150,8 +146,6 @@ METHODS: dict[str, Callable[..., Result]] = {
     "multiview without planes": partial(ours, planes=False),
     "SGBM, best pair": sgbm,
 }
-if isinstance(find_engine(), GpuEngine):
-    METHODS["multiview on a GPU"] = partial(ours, engine=find_engine())
 
 
 def _shares(depth: Array, condition: Condition, reference: str) -> Result:

@@ -1,4 +1,4 @@
-"""Clocks whose rate follows a temperature."""
+"""Clocks whose rate changes: with a temperature, for a while, or as they warm up."""
 
 import random
 from dataclasses import dataclass, field
@@ -66,3 +66,53 @@ def draw_wandering_clock(rng: random.Random, *, wander_ppm: float = 0.3) -> Wand
         waves.append((amplitude, rate, rng.uniform(0.0, 2.0 * pi)))
     offset_ns = round(rng.uniform(-1.0, 1.0) * 86400 * _S)
     return WanderingClock(offset_ns, rng.gauss(0.0, 20.0) * 1e-6, tuple(waves))
+
+
+_STEPS = 6
+"""Iterations of the inverse: each leaves a fraction of the error equal to the rate, a twelfth at most."""
+
+
+@dataclass(frozen=True, slots=True)
+class RateSpell:
+    """A temporary rate change: this additional skew (dimensionless) between two true times in ns."""
+
+    from_true_ns: int
+    until_true_ns: int
+    skew: float
+
+
+@dataclass(frozen=True, slots=True)
+class ChangingClock:
+    """A clock that shows true + offset + skew * elapsed + its spells + drift * elapsed squared / 2.
+
+    Elapsed is the true time since `epoch_true_ns`. `skew` is dimensionless. `drift_ppm_per_s` starts there,
+    or at another true time.
+    """
+
+    offset_ns: int
+    skew: float
+    epoch_true_ns: int
+    spells: tuple[RateSpell, ...] = ()
+    drift_ppm_per_s: float = 0.0
+    drift_from_true_ns: int | None = None
+
+    def local_from_true(self, true_ns: int) -> int:
+        """Return the reading of this clock in ns at a true time in ns."""
+        elapsed = float(true_ns - self.epoch_true_ns)
+        begun_ns = self.epoch_true_ns if self.drift_from_true_ns is None else self.drift_from_true_ns
+        drifting = max(0.0, float(true_ns - begun_ns))
+        gained = self.skew * elapsed + self.drift_ppm_per_s * 1e-15 * drifting**2 / 2.0
+        for spell in self.spells:
+            gained += spell.skew * max(0, min(true_ns, spell.until_true_ns) - spell.from_true_ns)
+        return true_ns + self.offset_ns + round(gained)
+
+    def true_from_local(self, local_ns: int) -> int:
+        """Return the true time in ns of a reading in ns, the inverse of `local_from_true` to some ns."""
+        true_ns = local_ns - self.offset_ns
+        for _ in range(_STEPS):
+            true_ns += local_ns - self.local_from_true(true_ns)
+        return true_ns
+
+    def now_ns(self) -> int:
+        """Not used: a simulated rig asks for readings at its own times."""
+        raise NotImplementedError

@@ -64,18 +64,14 @@ async def _count(
     show: "Callable[[BoardCoverage], None]",
 ) -> "BoardCoverage":
     from capture_app.rig.board_coverage import watch_coverage
-    from capture_app.rig.rig_link import LinkLost, RigLink, ask_status
+    from capture_app.rig.rig_link import RigLink, ask_status
 
     rig = await ask_status(leader)
     with contextlib.suppress(TimeoutError):
         async with asyncio.timeout(for_s), aclosing(watch_coverage(RigLink(leader), rig, board)) as changes:
-            is_lost = False
             async for found in changes:
-                if is_lost and not isinstance(found, LinkLost):
-                    talk("the rig is connected again: the count continues")
-                is_lost = isinstance(found, LinkLost)
-                if isinstance(found, LinkLost):
-                    talk(f"{found.reason}; reconnecting, and the count so far is kept")
+                if isinstance(found, str):
+                    talk(found)
                 else:
                     shown = found
                     show(shown)

@@ -17,10 +17,10 @@ PREVIEW_PX = 1280
 
 async def watch_coverage(
     link: RigLink, rig: RigStatus, board: Board = DEFAULT_BOARD
-) -> AsyncGenerator[BoardCoverage | LinkLost, None]:
-    """Yield the coverage at first and after each change, until it is complete; and each loss of the link.
+) -> AsyncGenerator[BoardCoverage | str, None]:
+    """Yield the coverage at first and after each change, until it is complete; and lines about the link.
 
-    The link reconnects by itself: then the coverage is yielded again, and the count goes on. Raises
+    A line says that the link is lost, another that it is back; the count goes on by itself. Raises
     IncompleteError if the rig has no camera.
     """
     sizes = {node.name: (node.camera.width, node.camera.height) for node in rig.nodes if node.camera.width}
@@ -35,11 +35,11 @@ async def watch_coverage(
     is_lost = False
     async for update in link.updates():
         was_lost, is_lost = is_lost, isinstance(update, LinkLost)
-        if was_lost and not is_lost:
-            yield shown
         if isinstance(update, LinkLost):
-            yield update
-        elif isinstance(update, Preview) and update.camera in sizes:
+            yield f"{update.reason}; reconnecting, and the count so far is kept"
+        elif was_lost:
+            yield "the rig is connected again: the count continues"
+        if isinstance(update, Preview) and update.camera in sizes:
             preview = await asyncio.to_thread(decode_preview, update.jpeg)
             now = await asyncio.to_thread(count.add, update.camera, update.leader_ns, preview)
             if now != shown:

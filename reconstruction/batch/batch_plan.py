@@ -33,7 +33,7 @@ def program_checksum() -> str:
     """Return a checksum of this package's source and the library versions, on which results depend."""
     digest = hashlib.sha256(repr(sorted(library_versions().items())).encode())
     here = Path(__file__).parents[1]
-    for path in sorted(path for path in here.rglob("*") if path.suffix in (".py", ".c", ".wgsl")):
+    for path in sorted(path for path in here.rglob("*") if path.suffix in (".py", ".c")):
         digest.update(f"{path.relative_to(here)}\n".encode() + path.read_bytes())
     return digest.hexdigest()
 

@@ -8,7 +8,7 @@ import numpy as np
 from reconstruction.common.geometry import Array
 from reconstruction.depth.calibrated_image import SourceView
 from reconstruction.depth.plane_sweep import Surface
-from reconstruction.depth.sweep_engine import CPU, Agreement, SweepEngine
+from reconstruction.depth.sweep_kernels import Agreement, compare_surfaces, warp
 
 TYPICAL_WIDTH = 640
 REPROJECTION_PX = 1.0
@@ -34,7 +34,6 @@ def consistent_and_visible_views(
     surface: Surface,
     others: Iterable[tuple[SourceView, Surface]],
     relative_depth: float = RELATIVE_DEPTH,
-    engine: SweepEngine = CPU,
 ) -> tuple[Array, Array]:
     """Count the other views whose surfaces agree at each pixel, and the views that could see it.
 
@@ -43,7 +42,7 @@ def consistent_and_visible_views(
     """
     count, able = (np.zeros(surface.inverse_depth.shape, np.uint8) for _ in range(2))
     for source_view, other in others:
-        same, sees = engine.compare(
+        same, sees = compare_surfaces(
             surface.inverse_depth, source_view, other.inverse_depth, _agreement(source_view, relative_depth)
         )
         count += same & _equally_bright(surface.inverse_depth, source_view, same)
@@ -54,7 +53,7 @@ def consistent_and_visible_views(
 def count_coinciding_views(surface: Surface, others: Iterable[tuple[SourceView, Surface]]) -> Array:
     """Count the other views whose surfaces agree at each pixel, of any brightness; uint8 height x width."""
     same = [
-        CPU.compare(surface.inverse_depth, source_view, other.inverse_depth, _agreement(source_view))[0]
+        compare_surfaces(surface.inverse_depth, source_view, other.inverse_depth, _agreement(source_view))[0]
         for source_view, other in others
     ]
     return np.asarray(np.sum(same, axis=0, dtype=np.uint8))
@@ -77,7 +76,7 @@ def remove_speckles(good: Array, inverse_depth: Array, smallest: int) -> Array:
 
 def _equally_bright(inverse_depth: Array, source_view: SourceView, same: Array) -> Array:
     """Return where the other view, warped by the surface, is as bright as this one (bool, height x width)."""
-    seen = CPU.warp(source_view, inverse_depth)
+    seen = warp(source_view, inverse_depth)
     reference = source_view.reference.grey
     gain, bias = match_brightness(seen.reshape(-1), reference.reshape(-1), np.flatnonzero(same))
     difference = cv2.blur(gain * seen + bias - reference, (5, 5))

@@ -222,7 +222,8 @@ FOR_ALL int splat(int height, int width, const float *depth, const float *m, int
 
 enum { TURNED = 32, FAR = 16000 }; /* rows that are walked along at once; what no path reaches */
 
-/* The price of a jump of depth from `before` to `here`, less where the grey level changes. */
+/* The price of a jump of depth from `before` to `here`: half of `large` at a change of 8 grey levels, at least 1.5 small
+   steps. */
 PART int16_t jump_price(float here, float before, int small, int large) {
   const float price = large / (1.f + fabsf(here - before) / 8.f);
   return (int16_t)MAX(price, 1.5f * small);
@@ -414,7 +415,7 @@ FOR_ALL int cheapest(int height, int width, int depths, const uint8_t *costs, co
   return 0;
 }
 
-/* ---- Planes through each pixel's neighbours, see `SweepEngine` ---- */
+/* ---- Planes through each pixel's neighbours, see `fit_planes` ---- */
 
 enum { LANES = 16 }; /* columns at once; `padded` has so many more than its border needs */
 

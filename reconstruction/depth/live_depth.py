@@ -13,9 +13,9 @@ from capture_app.common.errors import BadInputError, NotApplicableError
 from reconstruction.common.geometry import Array, View, resize_view
 from reconstruction.depth.calibrated_image import CalibratedImage, SourceView, matching_noise
 from reconstruction.depth.geometric_consistency import MAX_COST, MIN_ISLAND_PX, remove_speckles
-from reconstruction.depth.plane_sweep import PlaneSweep, Refinement, cost_along
+from reconstruction.depth.plane_sweep import PlaneSweep, Refinement, smoothed_costs_along
 from reconstruction.depth.rough_scene import RoughScene, find_rough_scene
-from reconstruction.depth.sweep_engine import CPU, WORST_COST
+from reconstruction.depth.sweep_kernels import WORST_COST, warp
 from reconstruction.depth.view_choice import choose_source_views
 
 SWEEP = PlaneSweep(refinements=(Refinement(0.2, 3),), max_cells=2_500_000)
@@ -133,8 +133,8 @@ class LiveDepth:
         pairs = [SourceView(fine, source) for source in sources]
         able, same = (np.zeros(inverse_depth.shape, np.uint8) for _ in range(2))
         for pair in pairs:
-            able += CPU.warp(pair, inverse_depth) >= 0
-            same += cost_along(inverse_depth, [pair]) < MAX_COST * WORST_COST
+            able += warp(pair, inverse_depth) >= 0
+            same += smoothed_costs_along(inverse_depth, [pair]) < MAX_COST * WORST_COST
         enough = min(2, len(sources))
         confirmed = same >= np.maximum(able, enough + 1) - 1 if enough > 1 else same >= 1
         return remove_speckles(confirmed, inverse_depth, MIN_ISLAND_PX), able >= enough

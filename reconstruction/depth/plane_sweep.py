@@ -8,7 +8,7 @@ import numpy as np
 
 from reconstruction.common.geometry import Array
 from reconstruction.depth.calibrated_image import CalibratedImage, SourceView, box_filter
-from reconstruction.depth.sweep_engine import CPU, WORST_COST, SweepEngine
+from reconstruction.depth.sweep_kernels import WORST_COST, cost_volume, costs_along, find_cheapest, fit_planes
 
 DIRECTIONS = ((1, 0), (-1, 0), (0, 1), (0, -1))
 MIN_GAIN = 0.02
@@ -29,16 +29,14 @@ MAX_PROPOSED_COST = 0.8
 enough; otherwise both are required."""
 
 
-def move_edges(
-    planes: Array, source_views: Sequence[SourceView], off_px: int, engine: SweepEngine = CPU
-) -> Array:
+def move_edges(planes: Array, source_views: Sequence[SourceView], off_px: int) -> Array:
     """Replace each pixel's plane by a neighbour's, `off_px` to any of the four sides, if it matches better.
 
     Planes are inverse depth and its slope per pixel in x and y, float32 3 x height x width. Sweeps along a
     surface only move it nearer or farther: a pixel beside an edge that was taken for background stays there.
     Windows bend with the surface, so the surface with the correct edges matches on both sides.
     """
-    cost = cost_along(planes[0], source_views, engine) - MIN_GAIN * WORST_COST
+    cost = smoothed_costs_along(planes[0], source_views) - MIN_GAIN * WORST_COST
     best = planes.copy()
     _, height, width = planes.shape
     # The border's planes are repeated beyond it.
@@ -47,16 +45,16 @@ def move_edges(
         dx, dy = off_px * right, off_px * down
         level, *slopes = around[:, off_px + dy :, off_px + dx :][:, :height, :width]
         level = level - slopes[0] * np.float32(dx) - slopes[1] * np.float32(dy)
-        costs = cost_along(level, source_views, engine)
+        costs = smoothed_costs_along(level, source_views)
         for part, moved in zip(best, (level, *slopes), strict=True):
             np.copyto(part, moved, where=costs < cost)
         cost = np.minimum(costs, cost)
     return best
 
 
-def cost_along(inverse_depth: Array, source_views: Sequence[SourceView], engine: SweepEngine = CPU) -> Array:
+def smoothed_costs_along(inverse_depth: Array, source_views: Sequence[SourceView]) -> Array:
     """Return the smoothed costs along a surface, float32 height x width, 0 to `WORST_COST`."""
-    return box_filter(engine.costs_along(source_views, inverse_depth).astype(np.float32), SMOOTHING_PX)
+    return box_filter(costs_along(source_views, inverse_depth).astype(np.float32), SMOOTHING_PX)
 
 
 class Refinement(NamedTuple):
@@ -86,7 +84,7 @@ class Surface(NamedTuple):
 
 @dataclass(frozen=True)
 class PlaneSweep:
-    """A plane sweep and the sweeps along its surface: their parameters, and the engine that runs them."""
+    """A plane sweep and the sweeps along its surface: their parameters."""
 
     window: int = 5
     """Side of the matching window, px."""
@@ -97,7 +95,6 @@ class PlaneSweep:
     """Maximum pixels times depths of one sweep, some bytes each; larger images are reduced."""
     first_scale: float = 1.0
     """Scale of the images in the first sweep if they are wider than `MIN_WIDTH_PX`."""
-    engine: SweepEngine = CPU
 
     def sweep(
         self,
@@ -137,7 +134,7 @@ class PlaneSweep:
         step = scale * (span[1] - span[0]) / (count - 1)
         new = proposed > 0
         level = np.where(new, proposed, surface.inverse_depth).astype(np.float32)
-        planes = self.engine.fit_planes(level, 2 * TOLERANCE * step, slopes=np.stack(surface[1:3]), rounds=3)
+        planes = fit_planes(level, 2 * TOLERANCE * step, slopes=np.stack(surface[1:3]), rounds=3)
         begun = Surface._make((*planes, surface.cost))
         swept = self._refine(begun, reference, sources, step, (Refinement(0.25, 3),))
         # A moving object is at another place in this image than the one that others confirmed.
@@ -156,10 +153,10 @@ class PlaneSweep:
         step = float(levels[1] - levels[0])
         reference = replace(reference, window=self.window)
         source_views = [SourceView(reference, source_view.source) for source_view in source_views]
-        engine, grey = self.engine, reference.grey
-        place, cost = engine.find_cheapest(engine.cost_volume(source_views, None, levels), grey, *PENALTIES)
+        costs = cost_volume(source_views, None, levels)
+        place, cost = find_cheapest(costs, reference.grey, *PENALTIES)
         inverse_depth = (levels[0] + place * step).astype(np.float32)
-        planes = engine.fit_planes(inverse_depth, 2 * TOLERANCE * step, stride=2, rounds=3)
+        planes = fit_planes(inverse_depth, 2 * TOLERANCE * step, stride=2, rounds=3)
         return Surface._make((*planes, cost / WORST_COST))
 
     def _refine(
@@ -171,19 +168,19 @@ class PlaneSweep:
         plan: Sequence[Refinement],
     ) -> Surface:
         """Refine the surface by sweeps along it; windows bend with it, so that slanted surfaces match."""
-        engine, fine = self.engine, replace(reference, window=self.fine_window)
+        fine = replace(reference, window=self.fine_window)
         source_views = [SourceView(fine, source) for source in sources]
         for step_fraction, steps, edges_fraction in plan:
             planes = np.stack(surface[:3])
             if edges_fraction:
                 # The reference may be a crop of its image.
                 off_px = max(1, round(edges_fraction * sources[0].view.width))
-                planes = move_edges(planes, source_views, off_px, engine)
+                planes = move_edges(planes, source_views, off_px)
             offsets = np.arange(-steps, steps + 1) * (step * step_fraction)
-            costs = engine.cost_volume(source_views, planes[0], offsets)
-            place, cost = engine.find_cheapest(costs, reference.grey, *FINE_PENALTIES)
+            costs = cost_volume(source_views, planes[0], offsets)
+            place, cost = find_cheapest(costs, reference.grey, *FINE_PENALTIES)
             inverse_depth = planes[0] + (place - steps) * np.float32(step * step_fraction)
-            planes = engine.fit_planes(inverse_depth, TOLERANCE * step, slopes=planes[1:], stride=2)
+            planes = fit_planes(inverse_depth, TOLERANCE * step, slopes=planes[1:], stride=2)
             surface = Surface._make((*planes, cost / WORST_COST))
         return surface
 

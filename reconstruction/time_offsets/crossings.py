@@ -267,6 +267,7 @@ class OffsetFit:
             {instant.instant for instant in self.instants}
             | self.glitches_ms[0].keys()
             | self.glitches_ms[1].keys()
+            | {*self.disagreeing}
         )
 
     def examined_at(self, instants: Iterable[int]) -> "OffsetFit":
@@ -386,7 +387,10 @@ def fit_offset(
         return fit_offset(crossings, still, period_ms, recorded_px, steady=True)
     if change.drift:
         change = _refined(change, instants, period_ms)
-    offset_ms, own = float(fit.values[0]), _votes(moving.by(fit.geometry))
+    offset_ms = float(fit.values[0])
+    # Where motion turns, a point crosses its line twice, and only at the wrong time fast.
+    slower = crossings.only(np.abs(crossings.across_px_per_ms) * period_ms > MIN_ACROSS_PX / 2)
+    own = _votes(slower.later(-change.at_ms(slower.instant, period_ms)).by(fit.geometry))
     return OffsetFit(
         offset_ms=offset_ms,
         sd_ms=float(np.hypot(max(fit.sd_ms, _drift_sd_ms(instants)), SYSTEMATIC_MS)),

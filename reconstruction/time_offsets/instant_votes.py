@@ -206,9 +206,11 @@ def find_change(votes: Votes, period_ms: float) -> Change:
 def _support(votes: Votes, period_ms: float) -> Array:
     """Return how well each offset agrees with each instant, (t, g): 1 at the peak of many votes."""
     sd_bins = TOLERANCE_FRAMES * period_ms / BIN_MS
-    near = range(-round(3 * sd_bins), round(3 * sd_bins) + 1)
-    whole = np.pad(votes.votes, ((0, 0), (len(near), len(near))))
     size = votes.votes.shape[1]
+    # Farther than the whole grid nothing can be near, whatever period a session states.
+    reach = min(round(3 * sd_bins), size)
+    near = range(-reach, reach + 1)
+    whole = np.pad(votes.votes, ((0, 0), (len(near), len(near))))
     best = np.zeros_like(votes.votes)
     for bins in near:
         moved = whole[:, len(near) + bins :][:, :size]

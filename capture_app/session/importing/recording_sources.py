@@ -106,11 +106,15 @@ class Images(Source):
         """See `Source.embedded_times`."""
         return self._times
 
+    def read(self, index: int) -> bytes:
+        """Return the bytes of a frame's image file, not decoded. Raises BadInputError if it is unreadable."""
+        with reading(self.files[index]):
+            return self._read(self.files[index])
+
     def frames(self, indices: Sequence[int]) -> Iterator[tuple[int, bytes, tuple[int, int]]]:
         """See `Source.frames`; also raises BadInputError for a file that cannot be read or decoded."""
         for index in sorted(indices):
-            with reading(self.files[index]):
-                data = self._read(self.files[index])
+            data = self.read(index)
             if (size := image_size(data)) is None:
                 raise BadInputError(f"{self.files[index]} is not an image that can be decoded", hint=DAMAGED)
             yield index, data, size

@@ -18,7 +18,6 @@ from capture_app.session.format.lens import Array
 
 SAME_ROTATION, SAME_PLACE = 1e-5, 1e-5
 """Maximum difference of two equal rotation matrices, and of two positions relative to the rig's extent."""
-FLATTEN = "undistort the images to a perspective lens, and calibrate these"
 EXPORT_AGAIN = "export the calibration again with the program that made it"
 
 

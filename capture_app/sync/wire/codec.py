@@ -77,11 +77,6 @@ def answered_version(data: bytes, token: bytes) -> int | None:
     return int(version) if is_answer else None
 
 
-def is_version_question(data: bytes) -> bool:
-    """Whether a datagram is a version query, which any peer may send."""
-    return len(data) == _FORM.size and data[:2] == MAGIC and (data[2], data[3]) == (_ASKING, KIND_VERSION)
-
-
 def is_version_answer(data: bytes) -> bool:
     """Whether a datagram reports a version other than this one, in answer to any query."""
     is_one = len(data) == _FORM.size and data[:2] == MAGIC and data[3] == KIND_VERSION

@@ -23,7 +23,7 @@ from capture_app.common.text import count, printable
 from capture_app.protocol.orders import PhoneInvited
 from capture_app.protocol.pairing_messages import Invite, Invited
 from capture_app.protocol.status import LogLine, RigStatus
-from capture_app.rig.rig_link import LinkLost, RigLink
+from capture_app.rig.rig_link import RigLink
 from capture_app.tui.question import BoxDialog
 from capture_app.tui.rig_record import RecordChanged
 from capture_app.tui.widgets.lines import Lines, log_lines
@@ -195,7 +195,7 @@ async def show_coverage(source: RigLink, rig: RigStatus | None, screen: GuideScr
             raise IncompleteError(f"{source.leader} has not answered yet", hint="start a rig, and try again")
         async with aclosing(watch_coverage(source.another(), rig)) as changes:
             async for found in changes:
-                if not isinstance(found, LinkLost):
+                if not isinstance(found, str):
                     rows = [
                         (f"{name:<12} {count(seen.views, 'view')}, {100 * seen.covered:.0f} % covered", "")
                         for name, seen in found.cameras.items()

@@ -50,7 +50,7 @@ from capture_app.tui.shoot.takes import (
     verdict_line,
 )
 from capture_app.tui.signs import NO_LEADER
-from capture_app.tui.widgets.lines import Lines
+from capture_app.tui.widgets.lines import Lines, write_border
 
 MAX_ANSWERS = 9
 """Maximum bursts offered for cancellation, one per digit key."""
@@ -468,7 +468,9 @@ class ShootView(ModeView):
         depth = list(take_depth.lines(*of_newest))
         self.take_panel.show(self.takes, now_s, depth, take_depth.picture(*of_newest))
         # The sheet hides that pane in a narrow window.
-        self.stage.show_subtitle(depth[0] if depth and self.has_class("narrow", "sheet") else Content(""))
+        write_border(
+            self.stage, None, depth[0] if depth and self.has_class("narrow", "sheet") else Content("")
+        )
         self._line.show(self._words(now_s).wrap(max(self._line.size.width, 1)))
         if self._could_stop != (can_stop := self._recording is not None):
             self._could_stop = can_stop

@@ -103,10 +103,6 @@ class Stage(ContentSwitcher):
         """Show the live previews."""
         self._go_to(LIVE, "Live")
 
-    def show_subtitle(self, words: Content) -> None:
-        """Show words in the border below."""
-        write_border(self, None, words)
-
     def load_sheet(self, sheet: TakeSheet, instant: int) -> None:
         """Load a take into the sheet, with the cursor at an instant."""
         self.sheet.show(sheet)

@@ -17,7 +17,7 @@ from reconstruction.common.geometry import Array, View, resize_view
 from reconstruction.depth.calibrated_image import CalibratedImage, SourceView
 from reconstruction.depth.kernels import call_kernel, floats
 from reconstruction.depth.plane_sweep import PlaneSweep, Refinement, Surface
-from reconstruction.depth.sweep_engine import CPU, WORST_COST
+from reconstruction.depth.sweep_kernels import WORST_COST, aggregate_costs, costs_along, fit_planes, warp
 
 MAX_WIDTH_PX = 160
 MAX_SCALE = 0.25
@@ -135,7 +135,7 @@ def sample_surface(image: CalibratedImage, inverse_depth: Array, evident: Array)
     """
     typical = float(np.median(inverse_depth))
     known = np.where(evident, inverse_depth, np.float32(-1e6))
-    level, right, down = CPU.fit_planes(known, 3 * TOLERANCE * typical, radius=NORMAL_RADIUS_PX, rounds=3)
+    level, right, down = fit_planes(known, 3 * TOLERANCE * typical, radius=NORMAL_RADIUS_PX, rounds=3)
     facing = image.surface_normals(level, right, down)
     rows, columns = np.nonzero(evident)
     depth = 1 / np.maximum(inverse_depth[rows, columns], 1e-9).astype(float)
@@ -233,7 +233,7 @@ def choose_planes(
         cost = cost + np.float32(SAME_BRIGHTNESS_COST) * repeated[number]
         cost = np.where(there, np.where(seen, np.minimum(cost, 1.0), 1.0), 0.5)
         np.multiply(cost, WORST_COST, out=volume[:, number, :], casting="unsafe")
-    number = CPU.aggregate(volume, part.shade, CHANGE, CHANGE).argmin(1)
+    number = aggregate_costs(volume, part.shade, CHANGE, CHANGE).argmin(1)
     number[~there] = AS_FOUND
     likeness = 1 - np.take_along_axis(volume, number[:, None], 1)[:, 0] / WORST_COST
     advantage = likeness - (1 - volume[:, AS_FOUND] / WORST_COST)
@@ -275,7 +275,7 @@ def _patches(
 
 def _cost_and_sight(level: Array, source_views: Sequence[SourceView]) -> tuple[Array, Array]:
     """Return the sources' matching cost along a surface, and where enough of them see it (bool)."""
-    warped = [CPU.warp(source_view, level) for source_view in source_views]
+    warped = [warp(source_view, level) for source_view in source_views]
     seeing = len(warped) - np.sum([picture < 0 for picture in warped], axis=0)
     # Areas outside an image are neutral rather than a mismatch: wide windows often reach there.
     shown = [
@@ -289,7 +289,7 @@ def _cost_and_sight(level: Array, source_views: Sequence[SourceView]) -> tuple[A
         )
         for view, one in zip(source_views, warped, strict=True)
     ]
-    costs = CPU.costs_along(shown, np.zeros_like(level)) / np.float32(WORST_COST)
+    costs = costs_along(shown, np.zeros_like(level)) / np.float32(WORST_COST)
     return costs, np.asarray(seeing >= min(MIN_SOURCES, len(warped)))
 
 

@@ -16,7 +16,7 @@ from reconstruction.common.geometry import Array
 from reconstruction.depth.calibrated_image import CalibratedImage, SourceView
 from reconstruction.depth.geometric_consistency import MAX_ANGLE_DEG
 from reconstruction.depth.plane_sweep import Surface
-from reconstruction.depth.sweep_engine import CPU, Agreement
+from reconstruction.depth.sweep_kernels import Agreement, compare_surfaces
 from reconstruction.methods.multiview.sweep_matcher import ViewDepth, voting_views
 
 TOLERANCE = 0.02
@@ -139,12 +139,12 @@ def _votes(surface: Surface, voters: Sequence[tuple[SourceView, Surface]]) -> tu
     agreeing, close, able, worth = (np.zeros(level.shape, np.float32) for _ in range(4))
     cosine = float(np.cos(np.radians(MAX_ANGLE_DEG)))
     for view, other in voters:
-        same, sees = CPU.compare(
+        same, sees = compare_surfaces(
             level, view, other.inverse_depth, Agreement(TOLERANCE, TOLERANCE, 0.0, cosine)
         )
         agreeing += same
         able += sees
-        close += CPU.compare(level, view, other.inverse_depth, Agreement(CLOSE, CLOSE, 0.0, cosine))[0]
+        close += compare_surfaces(level, view, other.inverse_depth, Agreement(CLOSE, CLOSE, 0.0, cosine))[0]
         np.maximum(worth, _moved_px(view, level), out=worth)
     return (agreeing + CLOSELY * close) / (able + AGAINST), worth
 

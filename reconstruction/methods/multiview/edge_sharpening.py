@@ -11,7 +11,7 @@ from reconstruction.depth.calibrated_image import SourceView
 from reconstruction.depth.geometric_consistency import match_brightness
 from reconstruction.depth.kernels import call_kernel, floats
 from reconstruction.depth.plane_sweep import Surface
-from reconstruction.depth.sweep_engine import CPU
+from reconstruction.depth.sweep_kernels import warp
 
 REACH_PX = 4
 """Maximum distance by which an edge moves; windows have a side of 7 px."""
@@ -93,7 +93,7 @@ def _differences(level: Array, pixels: Array, extended: Array, source_views: Seq
     surface.reshape(-1)[pixels] = extended
     edges = []
     for view in source_views:
-        seen, grey = CPU.warp(view, surface), view.reference.grey
+        seen, grey = warp(view, surface), view.reference.grey
         seen, grey = seen.reshape(-1), grey.reshape(-1)
         factor, bias = match_brightness(seen, grey, np.flatnonzero(seen > 0))
         off = np.abs(factor * seen[pixels] + bias - grey[pixels])

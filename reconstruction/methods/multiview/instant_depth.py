@@ -10,7 +10,7 @@ from reconstruction.common.image_matching import match_brightness
 from reconstruction.depth.calibrated_image import CalibratedImage, SourceView
 from reconstruction.depth.geometric_consistency import count_coinciding_views
 from reconstruction.depth.plane_sweep import Surface
-from reconstruction.depth.sweep_engine import CPU
+from reconstruction.depth.sweep_kernels import warp
 from reconstruction.methods.multiview.fusion import FusedCloud, median_of_known
 from reconstruction.methods.multiview.instant_maps import InstantMaps
 from reconstruction.methods.multiview.sweep_matcher import ViewDepth
@@ -60,7 +60,7 @@ def _difference(inverse_depth: Array, source_views: Sequence[SourceView]) -> Arr
     """Return the median over the sources of the brightness difference, after brightness matching."""
     differences = []
     for source_view in source_views:
-        seen = CPU.warp(source_view, inverse_depth)
+        seen = warp(source_view, inverse_depth)
         seen = np.where((seen < 0) | (inverse_depth <= 0), np.nan, seen).astype(np.float32)
         reference = source_view.reference.grey
         differences.append(np.abs(reference - match_brightness(reference, seen)))

@@ -149,7 +149,7 @@ def match_instant(
             workspace or Path(scratch),
             images,
             sources,
-            rough.depth_ranges,
+            rough,
             progress,
             still,
         )

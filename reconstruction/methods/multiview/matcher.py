@@ -9,7 +9,7 @@ import numpy as np
 from capture_app.console.terminal import Progress
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.matchers import Matcher
-from reconstruction.depth.sweep_engine import CPU, SweepEngine
+from reconstruction.depth.rough_scene import RoughScene
 from reconstruction.methods.multiview.colmap_workspace import (
     CudaGpu,
     find_gpu,
@@ -17,7 +17,6 @@ from reconstruction.methods.multiview.colmap_workspace import (
     run_patch_match,
     write_workspace,
 )
-from reconstruction.methods.multiview.gpu import find_engine, is_requested
 from reconstruction.methods.multiview.input_images import InputImage
 from reconstruction.methods.multiview.still_scene import StillScene
 from reconstruction.methods.multiview.sweep_matcher import ViewDepth, match_all_views
@@ -27,11 +26,10 @@ FINDS_MORE = "it finds more than PatchMatch does"
 
 @dataclass(frozen=True)
 class ChosenMatcher:
-    """The chosen matcher and the reason: PatchMatch on a GPU, or the sweep and its engine."""
+    """The chosen matcher and the reason: PatchMatch on a GPU, or the sweep."""
 
     gpu: CudaGpu | None = None
-    why: str = FINDS_MORE
-    engine: SweepEngine = CPU
+    note: str = FINDS_MORE
     quick: bool = False
     """Whether the sweep starts at half the images' size."""
 
@@ -40,14 +38,9 @@ class ChosenMatcher:
         """Name of the matcher in results."""
         return Matcher.SWEEP if self.gpu is None else Matcher.PATCHMATCH
 
-    @property
-    def note(self) -> str:
-        """Reason for the matcher, and the hardware on which it ran so far: a GPU may fail."""
-        return "; ".join(filter(None, (self.why, self.engine.note if self.gpu is None else "")))
-
 
 def choose_matcher(asked: Matcher, *, quick: bool = False) -> ChosenMatcher:
-    """Return the requested matcher, see `Matcher.engine`. GPU goes on with the CPU where there is none.
+    """Return the requested matcher, see `Matcher.engine`.
 
     Raises:
         NotAvailableError: PatchMatch is requested, and this machine cannot run it.
@@ -55,9 +48,7 @@ def choose_matcher(asked: Matcher, *, quick: bool = False) -> ChosenMatcher:
     if asked.engine is Matcher.PATCHMATCH:
         gpu = find_gpu()
         return ChosenMatcher(gpu, f"on {gpu[0]}")
-    engine = find_engine() if asked is Matcher.GPU or is_requested() else CPU
-    why = FINDS_MORE if asked is Matcher.AUTO else "asked for"
-    return ChosenMatcher(why=why, engine=engine, quick=quick)
+    return ChosenMatcher(note=FINDS_MORE if asked is Matcher.AUTO else "asked for", quick=quick)
 
 
 def match_cameras(
@@ -65,7 +56,7 @@ def match_cameras(
     workspace: Path,
     images: Mapping[str, InputImage],
     sources: Mapping[str, Sequence[str]],
-    depth_ranges: Mapping[str, tuple[float, float]],
+    rough: RoughScene,
     progress: Progress | None = None,
     still: StillScene | None = None,
 ) -> dict[str, ViewDepth]:
@@ -78,15 +69,15 @@ def match_cameras(
         views = match_all_views(
             calibrated,
             sources,
-            depth_ranges,
-            matcher.engine,
+            rough.depth_ranges,
             progress,
+            has_thin=rough.has_thin,
             quick=matcher.quick,
             still=still,
         )
         return {camera: _inside(images[camera], view) for camera, view in views.items()}
     (progress or Progress(0, silent=True)).step(f"PatchMatch on {matcher.gpu[0]}")
-    whole = min(depth_ranges[c][0] for c in images), max(depth_ranges[c][1] for c in images)
+    whole = min(rough.depth_ranges[c][0] for c in images), max(rough.depth_ranges[c][1] for c in images)
     write_workspace(workspace, image_views(images), image_colours(images), depth_range=whole)
     run_patch_match(matcher.gpu, workspace, *whole)
     return read_maps(workspace, images)

@@ -1,7 +1,5 @@
 """Cleaned cloud, mesh of the depth maps, cut at edges of depth, and views of clouds from six places."""
 
-import json
-import struct
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import permutations
@@ -11,7 +9,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from capture_app.common.srgb import to_linear
+from capture_app.common.gltf import Gltf
 from capture_app.session.format.calibration import METRES
 from reconstruction.common.geometry import Array, View, look_along
 from reconstruction.common.image_files import write_image
@@ -89,43 +87,14 @@ def build_mesh(
 
 def write_glb(path: Path, vertices: Array, colours: Array, triangles: Array) -> None:
     """Write a mesh as binary glTF 2.0: vertices (n, 3), colours (n, 3; uint8 RGB), triangles (m, 3)."""
-    light = np.full((len(vertices), 4), 65535, "<u2")
-    light[:, :3] = np.rint(65535 * to_linear(np.arange(256)))[colours]
-    arrays = vertices.astype("<f4"), light, triangles.astype("<u4").reshape(-1, 1)
-    ends = np.cumsum([part.nbytes for part in arrays]).tolist()
-    low, high = arrays[0].min(axis=0), arrays[0].max(axis=0)
-    kinds: tuple[dict[str, Any], ...] = (
-        {"type": "VEC3", "componentType": 5126, "min": low.tolist(), "max": high.tolist()},
-        {"type": "VEC4", "componentType": 5123, "normalized": True},
-        {"type": "SCALAR", "componentType": 5125},
-    )
-    document = {
-        "asset": {"version": "2.0", "generator": "simulshot"},
-        "scene": 0,
-        "scenes": [{"nodes": [0]}],
-        "nodes": [{"mesh": 0}],
-        # Without a material, Blender shows no colours.
-        "materials": [{"pbrMetallicRoughness": {"metallicFactor": 0.0}}],
-        "meshes": [
-            {"primitives": [{"attributes": {"POSITION": 0, "COLOR_0": 1}, "indices": 2, "material": 0}]}
-        ],
-        "accessors": [
-            {"bufferView": k, "count": len(part), **kind}
-            for k, (part, kind) in enumerate(zip(arrays, kinds, strict=True))
-        ],
-        "bufferViews": [
-            {"buffer": 0, "byteOffset": end - part.nbytes, "byteLength": part.nbytes}
-            for end, part in zip(ends, arrays, strict=True)
-        ],
-        "buffers": [{"byteLength": ends[-1]}],
-    }
-    head = json.dumps(document).encode()
-    head += b" " * (-len(head) % 4)
-    begin = struct.pack("<4sIII4s", b"glTF", 2, 28 + len(head) + ends[-1], len(head), b"JSON")
-    with path.open("wb") as file:
-        file.writelines(
-            [begin, head, struct.pack("<I4s", ends[-1], b"BIN\0"), *(part.tobytes() for part in arrays)]
-        )
+    document = Gltf()
+    attributes = {"POSITION": document.add_array("<f4", vertices), "COLOR_0": document.add_colours(colours)}
+    # Without a material, Blender shows no colours.
+    material = document.add("materials", pbrMetallicRoughness={"metallicFactor": 0.0})
+    indices = document.add_array("<u4", triangles.reshape(-1, 1))
+    surface = {"attributes": attributes, "indices": indices, "material": material}
+    document.add("scenes", nodes=[document.add("nodes", mesh=document.add("meshes", primitives=[surface]))])
+    path.write_bytes(document.encode_binary())
 
 
 def join_maps(

@@ -10,7 +10,7 @@ from reconstruction.common.geometry import Array
 from reconstruction.depth.calibrated_image import OUTSIDE, CalibratedImage, SourceView, box_filter
 from reconstruction.depth.plane_sweep import Surface
 from reconstruction.depth.rough_scene import RoughScene
-from reconstruction.depth.sweep_engine import CPU
+from reconstruction.depth.sweep_kernels import warp
 from reconstruction.methods.multiview.blank_walls import ScenePlane
 
 CHANGED_GREY, CHANGED_WINDOW = 8.0, 5
@@ -74,7 +74,7 @@ class StillScene:
             image, hidden = images[name], moving[name]
             for other in sources[name]:
                 seen = replace(images[other], grey=moving[other].astype(np.float32))
-                hidden = hidden | (CPU.warp(SourceView(image, seen), surface.inverse_depth) > 0)
+                hidden = hidden | (warp(SourceView(image, seen), surface.inverse_depth) > 0)
             shown = np.where(hidden, np.float32(OUTSIDE), image.grey)
             self._pictures[name] = np.where(self._new.get(name, True), shown, self._pictures.get(name, shown))
 

@@ -21,7 +21,7 @@ from reconstruction.depth.plane_sweep import (
     PlaneSweep,
     Surface,
 )
-from reconstruction.depth.sweep_engine import CPU, SweepEngine
+from reconstruction.depth.sweep_kernels import fit_planes
 from reconstruction.methods.multiview.blank_walls import fit_blank_walls
 from reconstruction.methods.multiview.consistent_pixels import consistent_pixels
 from reconstruction.methods.multiview.edge_sharpening import sharpen_edges
@@ -68,15 +68,15 @@ def match_all_views(
     images: Mapping[str, CalibratedImage],
     sources: Mapping[str, Sequence[str]],
     depth_ranges: Mapping[str, tuple[float, float]],
-    engine: SweepEngine = CPU,
     progress: Progress | None = None,
     *,
+    has_thin: bool = False,
     quick: bool = False,
     still: StillScene | None = None,
 ) -> dict[str, ViewDepth]:
     """Compute depth and normals of every camera that has sources.
 
-    `depth_ranges`: each camera's nearest and farthest depth. `progress` advances by a step after each camera.
+    `depth_ranges` and `has_thin` are the rough scene's. `progress` advances by a step after each camera.
     `quick`: a first sweep at half the size, in half the time; thin parts and edges suffer.
     `still`: depth of earlier instants, reused where nothing moved; it also stores the new results.
     Call `StillScene.look` with these images before.
@@ -84,13 +84,12 @@ def match_all_views(
     still = still or StillScene()
     new = {name: still.new(name, image) for name, image in images.items()}
     steps = progress or Progress(0, silent=True)
-    has_thin = still.scene is not None and still.scene.has_thin
     names = [name for name in images if sources.get(name)]
     paired = [name for name in names if [name] == [o for other in sources[name] for o in sources[other]]]
     budget = memory_budget()
     # The number of workers must not count: depth would depend on the number of cores.
     cells = min(PlaneSweep.max_cells, int(CELLS_FRACTION * budget.limit_bytes / BYTES_PER_CELL))
-    sweep = PlaneSweep(max_cells=cells, first_scale=0.5 if quick else 1.0, engine=engine)
+    sweep = PlaneSweep(max_cells=cells, first_scale=0.5 if quick else 1.0)
 
     def match(name: str) -> Surface:
         others = [images[other] for other in sources[name]]
@@ -137,15 +136,15 @@ def match_all_views(
         laid, still.planes = fit_blank_walls(images, sources, depth_ranges, surfaces, pool, still.planes)
         surfaces = {name: renewed(surfaces[name], laid[name], WHOLE, new[name]) for name in names}
         sharp = dict(zip(names, pool.map(sharpen, names), strict=True))
-        confirmed = _confirmed_depths(pool, images, sources, sharp, engine, has_thin=has_thin)
+        confirmed = _confirmed_depths(pool, images, sources, sharp, has_thin=has_thin)
         # Where no others find the moved edges, the sweep's depth may be right.
         surfaces = {n: renewed(surfaces[n], sharp[n], WHOLE, confirmed[n] > 0) for n in names}
         surfaces = dict(zip(names, pool.map(propose, names), strict=True))
-        confirmed = _confirmed_depths(pool, images, sources, surfaces, engine, has_thin=has_thin)
+        confirmed = _confirmed_depths(pool, images, sources, surfaces, has_thin=has_thin)
         if paired:
             # Depths that one of two adopted from the other may now be visible to the other.
             surfaces |= zip(paired, pool.map(propose, paired), strict=True)
-            confirmed = _confirmed_depths(pool, images, sources, surfaces, engine, has_thin=has_thin)
+            confirmed = _confirmed_depths(pool, images, sources, surfaces, has_thin=has_thin)
         still.keep(images, sources, surfaces)
         facing = pool.map(lambda name: _view_normals(surfaces[name], images[name]), names)
         return {
@@ -161,7 +160,6 @@ def _confirmed_depths(
     images: Mapping[str, CalibratedImage],
     sources: Mapping[str, Sequence[str]],
     surfaces: Mapping[str, Surface],
-    engine: SweepEngine,
     *,
     has_thin: bool,
 ) -> dict[str, Array]:
@@ -173,7 +171,7 @@ def _confirmed_depths(
             (SourceView(images[name], images[other]), surfaces[other])
             for other in voting_views(name, sources, surfaces)
         ]
-        count, able = consistent_and_visible_views(surface, voters, engine=engine)
+        count, able = consistent_and_visible_views(surface, voters)
         votes = count, able, len(voters), images[name].blank
         return surface.depth_where(consistent_pixels(surface, *votes, has_thin=has_thin))
 
@@ -194,5 +192,5 @@ def _view_normals(surface: Surface, image: CalibratedImage) -> Array:
     """Return normals, fitted over a wider neighbourhood than depth: slopes are more sensitive to noise."""
     tolerance = NORMAL_TOLERANCE * float(np.median(surface.inverse_depth))
     level, *slopes, _ = surface
-    _, right, down = CPU.fit_planes(level, tolerance, slopes=np.stack(slopes), radius=3, stride=3)
+    _, right, down = fit_planes(level, tolerance, slopes=np.stack(slopes), radius=3, stride=3)
     return image.surface_normals(level, right, down)

@@ -51,10 +51,10 @@ class Overlap:
         left, top, right, bottom = self.box
         return pixels[top - box[1] : bottom - box[1], left - box[0] : right - box[0]]
 
-    def with_brightness_matched(self, still: Array) -> "Overlap":
-        """Return the overlap with the second image (float32) as bright as the first on `still` (bool)."""
+    def with_brightness_matched(self) -> "Overlap":
+        """Return the overlap with the second image (float32) as bright as the first."""
         second = self.second.astype(np.float32)
-        gain, bias = gain_and_bias(self.first, np.where(self.both & still, second, np.float32(np.nan)))
+        gain, bias = gain_and_bias(self.first, np.where(self.both, second, np.float32(np.nan)))
         return replace(self, second=np.asarray(np.clip(gain * second + bias, 0, 255), np.float32))
 
     @property
@@ -214,7 +214,7 @@ def score_overlaps(
     for a, b in combinations(layers, 2):
         if (overlap := overlap_of(layers[a], layers[b])) is None:
             continue
-        overlap = overlap.with_brightness_matched(np.ones_like(overlap.both))
+        overlap = overlap.with_brightness_matched()
         (x, y), length = measure_misalignment(overlap)
         moving = [length[overlap.crop(moving_masks[a], layers[a].box)[y, x]]] if a in moving_masks else []
         if not late or (a in late) != (b in late):

@@ -1,6 +1,6 @@
 """Panorama of one instant of a session, or of images, with its residuals."""
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -113,7 +113,7 @@ def register_at(scene: Scene, cameras: tuple[str, ...], instant: int) -> Panoram
     """
 
     def register() -> PanoramaStitcher:
-        images, moving = _pictures(scene, dict.fromkeys(cameras, instant))
+        images, moving = _pictures(scene, dict.fromkeys(cameras, instant), scene.motion.widened_moving)
         known = {name: view for name, view in scene.given_views.items() if name in cameras}
         return register_images(images, moving, known)
 
@@ -216,21 +216,21 @@ def session_input(
         )
     if delayed:
         shown["offset"] = shown["synced"] | delayed
-    conditions = {name: _pictures(scene, picture) for name, picture in shown.items()}
+    # Scores are of what moves alone; registration also leaves out a margin around it.
+    conditions = {name: _pictures(scene, picture, scene.motion.moving) for name, picture in shown.items()}
     facts = {
         "source": str(dataset.session.folder),
         "left_out": {c: f"it has no image of instant {instant}" for c in asked if c not in cameras},
         "calibration": scene.source if views else "",
         "actual_offset_ms": late_ms,
     }
-    register = conditions["synced"]
-    if register_at is not None:
-        there = [name for name in cameras if dataset.has_image(name, register_at)]
-        register = _pictures(scene, dict.fromkeys(there, register_at))
+    at = instant if register_at is None else register_at
+    there = dict.fromkeys((name for name in cameras if dataset.has_image(name, at)), at)
+    register = _pictures(scene, there, scene.motion.widened_moving)
     return Input(conditions, views, list(delayed), facts, register)
 
 
-def _pictures(scene: Scene, shown: Mapping[str, int]) -> Pictures:
+def _pictures(scene: Scene, shown: Mapping[str, int], moving_in: Callable[[str, int], Array]) -> Pictures:
     several = len(scene.dataset.instants_ns) > 1
-    moving = {name: scene.motion.widened_moving(name, k) for name, k in shown.items()} if several else {}
+    moving = {name: moving_in(name, k) for name, k in shown.items()} if several else {}
     return {name: scene.dataset.image(name, k) for name, k in shown.items()}, moving

@@ -100,7 +100,8 @@ class PanoramaStudy(Score):
         overlap = overlap_of(a, b)
         assert overlap is not None
         moving, other_moving = (
-            overlap.crop(self.stitcher.layer_mask(name, self.motion.moving(name, k)), layer.box)
+            # Of the same pixels as the command's scores, whatever the offset.
+            overlap.crop(self.stitcher.layer_mask(name, self.scene.motion.moving(name, k)), layer.box)
             for name, k, layer in ((first, now, a), (second, shown, b))
         )
         changing = [
@@ -132,7 +133,7 @@ class PanoramaStudy(Score):
 
 def _misalignment_of(overlap: Overlap, moving: Array, moved: Array, still: Array) -> Measurements:
     """Return a panorama's measures; masks: motion in the first image, in either image, and still control."""
-    matched_overlap = overlap.with_brightness_matched(still)
+    matched_overlap = overlap.with_brightness_matched()
     (x, y), length = measure_misalignment(matched_overlap)
     difference = matched_overlap.difference
     measured = Measurements(medians={"overlap_misfit_px": known(length)})

@@ -1,20 +1,15 @@
 """People as a glTF 2.0 that moves, for Blender and browsers."""
 
-import base64
-import json
-from collections import defaultdict
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
+from capture_app.common.gltf import Gltf
 from capture_app.session.files.durable import write_atomic
 from reconstruction.common.geometry import Array
 from reconstruction.methods.people.skeletons import Skeleton
 
-COMPONENTS = {"<f4": 5126, "<u4": 5125, "<u2": 5123}
-"""glTF's numbers of the types of values."""
 BONE_WIDTH = 0.1
 """Width of a bone, relative to the median length of bones."""
 NO_BONES = 0.02
@@ -31,80 +26,50 @@ def write_gltf(path: Path, times_s: Array, skeleton: Skeleton, people: Sequence[
     Each joint is a node; a person's mesh has a box a bone, whose ends move with its joints. A joint that is
     never known is left out; in a gap it waits where it was.
     """
-    document = _Gltf()
-    times = document.add("<f4", times_s, "SCALAR")
+    document, nodes, paths = Gltf(), list[int](), dict[int, int]()
+    times = document.add_array("<f4", times_s)
     for number, positions in enumerate(people, 1):
-        document.add_person(f"person{number}", times, skeleton, positions)
-    write_atomic(path, document.encoded())
+        surface, moved = _add_person(document, f"person{number}", skeleton, positions)
+        nodes += *moved, surface
+        paths |= moved
+    document.add("scenes", nodes=nodes)
+    document.add(
+        "animations",
+        samplers=[{"input": times, "output": path} for path in paths.values()],
+        channels=[
+            {"sampler": k, "target": {"node": node, "path": "translation"}} for k, node in enumerate(paths)
+        ],
+    )
+    write_atomic(path, document.encode())
 
 
-class _Gltf:
-    """A glTF document and its binary buffer."""
-
-    def __init__(self) -> None:
-        self._data, self._lists = bytearray(), defaultdict[str, list[Any]](list)
-
-    def add(self, kind: str, values: Array, shape: str) -> int:
-        """Append an array, and return the number of its accessor."""
-        table = values.astype(kind).reshape(len(values), -1)
-        place = {"buffer": 0, "byteOffset": len(self._data), "byteLength": table.nbytes}
-        self._lists["bufferViews"].append(place)
-        self._data += table.tobytes() + bytes(-table.nbytes % 4)
-        return self._append("accessors", {
-            "bufferView": len(self._lists["accessors"]),
-            "componentType": COMPONENTS[kind],
-            "count": len(values),
-            "type": shape,
-            "min": table.min(axis=0).tolist(),
-            "max": table.max(axis=0).tolist(),
-        })  # fmt: skip
-
-    def _append(self, name: str, one: dict[str, Any]) -> int:
-        """Append to a list of the document, and return its number there."""
-        self._lists[name].append(one)
-        return len(self._lists[name]) - 1
-
-    def add_person(self, name: str, times: int, skeleton: Skeleton, positions: Array) -> None:
-        """Add the joints, mesh, skin and motion of one person, by the accessor of the times."""
-        known = np.isfinite(positions[..., 0])
-        joints, nodes = np.flatnonzero(known.any(axis=0)).tolist(), list[int]()
-        for k in joints:
-            at = np.flatnonzero(known[:, k])
-            path = positions[at[np.searchsorted(at, np.arange(len(known)), "right").clip(1) - 1], k]
-            node = {"name": f"{name}_{skeleton.joints[k]}", "translation": path[0].tolist()}
-            nodes.append(self._append("nodes", node))
-            sampler = self._append("samplers", {"input": times, "output": self.add("<f4", path, "VEC3")})
-            target = {"node": nodes[-1], "path": "translation"}
-            self._append("channels", {"sampler": sampler, "target": target})
-        bones = [bone for bone in skeleton.bones if {*bone} <= {*joints}]
-        lengths = [np.linalg.norm(positions[:, a] - positions[:, b], axis=1) for a, b in bones]
-        width = BONE_WIDTH * float(np.nanmedian(lengths)) if bones else NO_BONES
-        ends = np.searchsorted(joints, bones or [(k, k) for k in joints])
-        influence = np.zeros((len(ends) * len(CORNERS), 4))
-        influence[:, 0] = ends.repeat(4)
-        indices = (TRIANGLES + len(CORNERS) * np.arange(len(ends))[:, None]).ravel()
-        surface = {
-            "attributes": {
-                "POSITION": self.add("<f4", np.tile(CORNERS * (width / 2), (len(ends), 1)), "VEC3"),
-                "JOINTS_0": self.add("<u2", influence, "VEC4"),
-                "WEIGHTS_0": self.add("<f4", np.tile([1, 0, 0, 0], (len(influence), 1)), "VEC4"),
-            },
-            "indices": self.add("<u4", indices, "SCALAR"),
-        }
-        still = self.add("<f4", np.tile(np.eye(4).ravel(), (len(joints), 1)), "MAT4")
-        skin = self._append("skins", {"joints": nodes, "inverseBindMatrices": still})
-        mesh = self._append("meshes", {"primitives": [surface]})
-        self._append("nodes", {"name": name, "mesh": mesh, "skin": skin})
-
-    def encoded(self) -> bytes:
-        """Return the document as JSON with its buffer inside."""
-        address = f"data:application/octet-stream;base64,{base64.b64encode(self._data).decode()}"
-        content = {
-            "asset": {"version": "2.0", "generator": "simulshot"},
-            "scene": 0,
-            "scenes": [{"nodes": [*range(len(self._lists["nodes"]))]}],
-            "animations": [{name: self._lists.pop(name) for name in ("samplers", "channels")}],
-            "buffers": [{"byteLength": len(self._data), "uri": address}],
-            **self._lists,
-        }
-        return json.dumps(content).encode()
+def _add_person(
+    document: Gltf, name: str, skeleton: Skeleton, positions: Array
+) -> tuple[int, dict[int, int]]:
+    """Add a person's joints, mesh and skin; return the mesh's node, and each joint's node with its path."""
+    known = np.isfinite(positions[..., 0])
+    joints, moved = np.flatnonzero(known.any(axis=0)).tolist(), dict[int, int]()
+    for k in joints:
+        at = np.flatnonzero(known[:, k])
+        path = positions[at[np.searchsorted(at, np.arange(len(known)), "right").clip(1) - 1], k]
+        node = document.add("nodes", name=f"{name}_{skeleton.joints[k]}", translation=path[0].tolist())
+        moved[node] = document.add_array("<f4", path)
+    bones = [bone for bone in skeleton.bones if {*bone} <= {*joints}]
+    lengths = [np.linalg.norm(positions[:, a] - positions[:, b], axis=1) for a, b in bones]
+    width = BONE_WIDTH * float(np.nanmedian(lengths)) if bones else NO_BONES
+    ends = np.searchsorted(joints, bones or [(k, k) for k in joints])
+    influence = np.zeros((len(ends) * len(CORNERS), 4))
+    influence[:, 0] = ends.repeat(4)
+    indices = (TRIANGLES + len(CORNERS) * np.arange(len(ends))[:, None]).reshape(-1, 1)
+    surface = {
+        "attributes": {
+            "POSITION": document.add_array("<f4", np.tile(CORNERS * (width / 2), (len(ends), 1))),
+            "JOINTS_0": document.add_array("<u2", influence),
+            "WEIGHTS_0": document.add_array("<f4", np.tile([1, 0, 0, 0], (len(influence), 1))),
+        },
+        "indices": document.add_array("<u4", indices),
+    }
+    still = document.add_array("<f4", np.tile(np.eye(4).ravel(), (len(joints), 1)))
+    skin = document.add("skins", joints=[*moved], inverseBindMatrices=still)
+    mesh = document.add("meshes", primitives=[surface])
+    return document.add("nodes", name=name, mesh=mesh, skin=skin), moved

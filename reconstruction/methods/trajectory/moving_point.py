@@ -1,5 +1,7 @@
 """The middle of the largest thing that moves in an image."""
 
+from collections.abc import Iterable
+
 import cv2
 import numpy as np
 
@@ -10,22 +12,34 @@ EDGE_PX = 3
 """Distance from the image's edge at which an object may be cut off."""
 AROUND_PX = 3
 """Distance around the moving pixels in which an object's blurred edge counts."""
+MAX_STAY = 0.45
+"""Fraction of the frames in which an object may cover a pixel; from a half on the background shows it."""
 
 
-def find_moving_point(image: Array, background: Array) -> Array | None:
-    """Return the middle (x, y), px, of the largest moving region of a grey image, weighted by its contrast.
+def find_moving_points(images: Iterable[Array], background: Array, frames: int) -> list[Array | None]:
+    """Return the middle (x, y), px, of the largest moving region of each of a camera's grey images.
 
-    None if nothing moves, or if the region touches the edge of the image.
+    `background` is the still scene in so many `frames` of the camera. Pixels count by their contrast. None
+    if nothing moves, if the region touches the edge of the image, or if something stays in the region for so
+    long that the background may show it.
     """
-    moving = detect_moving(image, (), background)
-    number, labels, boxes, _ = cv2.connectedComponentsWithStats(moving.astype(np.uint8))
-    if number < 2:
-        return None
-    largest = 1 + int(np.argmax(boxes[1:, cv2.CC_STAT_AREA]))
+    found, covered = [], np.zeros(background.shape, int)
+    for image in images:
+        moving = detect_moving(image, (), background)
+        covered += moving
+        ys, xs = _largest_region(moving)
+        contrast = np.abs(image[ys, xs].astype(float) - background[ys, xs])
+        found.append((np.array([contrast @ xs, contrast @ ys]) / max(float(contrast.sum()), 1.0), ys, xs))
+    stays = covered > MAX_STAY * frames
+    return [middle if len(ys) and not stays[ys, xs].any() else None for middle, ys, xs in found]
+
+
+def _largest_region(moving: Array) -> tuple[Array, ...]:
+    """Return the rows and columns (n,) of the largest region of a mask; none if it may be cut off."""
+    _, labels, boxes, _ = cv2.connectedComponentsWithStats(moving.astype(np.uint8))
+    boxes[0, cv2.CC_STAT_AREA] = 0
+    largest = int(np.argmax(boxes[:, cv2.CC_STAT_AREA]))
     left, top, width, height = (int(side) for side in boxes[largest, :4])
-    rows, columns = image.shape
-    if min(left, top) < EDGE_PX or left + width > columns - EDGE_PX or top + height > rows - EDGE_PX:
-        return None
-    ys, xs = np.nonzero(dilate(labels == largest, AROUND_PX))
-    contrast = np.abs(image[ys, xs].astype(float) - background[ys, xs])
-    return np.array([contrast @ xs, contrast @ ys], float) / float(contrast.sum())
+    rows, columns = moving.shape
+    whole = min(left, top, columns - left - width, rows - top - height) >= EDGE_PX
+    return np.nonzero(dilate(labels == largest, AROUND_PX) & whole)

@@ -11,7 +11,7 @@ from capture_app.console.terminal import Progress
 from capture_app.session.files.durable import write_atomic
 from capture_app.session.format.manifest import row_exposures
 from reconstruction.common.geometry import Array
-from reconstruction.methods.trajectory.moving_point import find_moving_point
+from reconstruction.methods.trajectory.moving_point import find_moving_points
 from reconstruction.methods.trajectory.spline_path import OUTLIER, Rays, choose_path
 from reconstruction.scene.calibration.consistency import REFUSED_PX
 from reconstruction.scene.pairs import size_above_features
@@ -79,8 +79,10 @@ def follow(
     for name, view in views.items():
         progress.step(name)
         projection = view.matrix @ np.column_stack([view.rotation, view.translation])
-        for k in (k for camera, k in frames if camera == name):
-            point = find_moving_point(dataset.grey(name, k), motion.background(name))
+        there = [k for camera, k in frames if camera == name]
+        images, total = (dataset.grey(name, k) for k in there), len(dataset.instants(name))
+        middles = find_moving_points(images, motion.background(name), total)
+        for k, point in zip(there, middles, strict=True):
             if point is None:
                 continue
             record = dataset.record(name, k)
@@ -94,7 +96,7 @@ def follow(
         raise NotApplicableError(
             f"one moving object is seen in {len(times_ns)} frames of {len(counted)} cameras;"
             f" two cameras and {MIN_FRAMES} frames are needed",
-            hint="take a burst in which it crosses the views of still cameras",
+            hint="take a burst in which it crosses still cameras' views, by three times its width or more",
         )
     order = np.argsort(times_ns, kind="stable")
     at_ns = np.array(times_ns, np.int64)[order]

@@ -87,7 +87,8 @@ def typed(root: Path, block: str) -> tuple[int, str]:
         "TERM=tmux-256color",
     ]
     inside = ["chroot", str(root), "env", "-i", *places, *kept, "bash", "-euc", f"cd /project\n{block}"]
-    code, tmux = root / "exit-code", ["tmux", "-L", f"readme-{os.getpid()}"]
+    # A server of its own for each block: that of the block before may still be ending.
+    code, tmux = root / "exit-code", ["tmux", "-L", f"readme-{time.monotonic_ns()}"]
     code.unlink(missing_ok=True)
     window = ["-f", "/dev/null", "new-session", "-d", "-x", "120", "-y", "40"]
     subprocess.run([*tmux, *window, f"{shlex.join(inside)}; echo $? >{code}; sleep 5"], check=True)

@@ -11,9 +11,8 @@ import pytest
 from capture_app.cli import run
 from capture_app.common.errors import ExitCode
 from capture_app.common.pairing_codes import Role
-from capture_app.node.leader.leader_node import LeaderNode
-from capture_app.node.leader.leader_options import LeaderOptions
 from capture_app.trust.trust import OPEN_VARIABLE, Trust
+from tests.cheap_rig import start_leader
 
 Machine = Callable[..., tuple[int, str, str]]
 HERE, THERE = "here", "there"
@@ -72,9 +71,7 @@ def test_what_cannot_be_read_is_a_mistake_of_usage(on: Machine, arguments: tuple
 async def test_an_invitation_makes_another_machine_an_operator(
     on: Machine, trust: Trust, tmp_path: Path
 ) -> None:
-    async with await LeaderNode.start(
-        LeaderOptions(sessions=tmp_path / "s", host="127.0.0.1", port=0, trust=trust)
-    ) as leader:
+    async with await start_leader(tmp_path / "s", trust=trust) as leader:
         address = str(leader.own_address)
 
         async def there(*arguments: str, skips_pairing: bool = False) -> tuple[int, str, str]:
@@ -99,9 +96,7 @@ async def test_an_invitation_makes_another_machine_an_operator(
 
 
 async def test_an_open_rig_asks_nobody_and_has_no_codes(on: Machine, tmp_path: Path) -> None:
-    async with await LeaderNode.start(
-        LeaderOptions(sessions=tmp_path / "s", host="127.0.0.1", port=0, trust=Trust.open())
-    ) as leader:
+    async with await start_leader(tmp_path / "s", trust=Trust.open()) as leader:
         address = str(leader.own_address)
         code, _, _ = await asyncio.to_thread(on, THERE, "status", "--leader", address, skips_pairing=True)
         assert code == ExitCode.OK

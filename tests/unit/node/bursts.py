@@ -11,6 +11,7 @@ from capture_app.node.burst.intake import disk_threads
 from capture_app.protocol.messages import CameraReport, ImageBatch, ImageUpload
 from capture_app.session.format.burst_plan import CameraPlan
 from capture_app.session.format.manifest import CameraRecord, ImageRecord, MissingImage, image_path
+from capture_app.session.reading.reader import Session
 from capture_app.session.writing.session_writer import SessionWriter
 from capture_app.sync.rig.frame_selection import Burst
 from tests.facts import make_facts
@@ -69,3 +70,9 @@ async def receive_image(
 async def pieces(data: bytes) -> AsyncIterator[bytes]:
     for begin in range(0, len(data), 5):
         yield data[begin : begin + 5]
+
+
+def saved(session: BurstSession) -> Session:
+    """The session of a burst that is finished."""
+    assert session.session is not None
+    return Session.open(session.session)

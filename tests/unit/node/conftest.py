@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from capture_app.node.leader.leader_node import LeaderNode
-from capture_app.node.leader.leader_options import LeaderOptions
 from capture_app.trust.trust import Trust
+from tests.cheap_rig import start_leader
 
 
 @pytest.fixture
@@ -17,7 +17,5 @@ def trust(tmp_path: Path) -> Trust:
 
 @pytest.fixture
 async def leader(tmp_path: Path, trust: Trust) -> AsyncIterator[LeaderNode]:
-    async with await LeaderNode.start(
-        LeaderOptions(sessions=tmp_path / "sessions", host="127.0.0.1", port=0, trust=trust)
-    ) as node:
+    async with await start_leader(tmp_path / "sessions", trust=trust) as node:
         yield node

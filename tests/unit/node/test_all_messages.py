@@ -17,7 +17,6 @@ from capture_app.common.errors import NetworkError
 from capture_app.common.pairing_codes import Role
 from capture_app.net.channel import connect
 from capture_app.node.leader.leader_node import LeaderNode
-from capture_app.node.leader.leader_options import LeaderOptions
 from capture_app.protocol import messages as wire
 from capture_app.protocol import orders, pairing_messages
 from capture_app.protocol.messages import FromLeader, ToLeader
@@ -28,6 +27,7 @@ from capture_app.session.format.manifest import CameraRecord, ImageRecord, image
 from capture_app.session.format.marks import Mark
 from capture_app.sync.clock.clock_filter import PathAsymmetry
 from capture_app.trust.trust import Trust
+from tests.cheap_rig import start_leader
 from tests.facts import make_facts
 from tests.waiting import until
 
@@ -96,11 +96,7 @@ def every_message(node: SealedNode) -> list[Any]:
 
 @pytest.fixture
 async def leader(tmp_path: Path, trust: Trust) -> AsyncIterator[LeaderNode]:
-    async with await LeaderNode.start(
-        LeaderOptions(
-            sessions=tmp_path / "sessions", host="127.0.0.1", port=0, trust=trust, spool=tmp_path / "spool"
-        )
-    ) as node:
+    async with await start_leader(tmp_path / "sessions", trust=trust, spool=tmp_path / "spool") as node:
         yield node
 
 

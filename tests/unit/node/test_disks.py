@@ -17,7 +17,6 @@ from capture_app.net.channel import Channel, connect
 from capture_app.node.burst.burst_session import BurstSession
 from capture_app.node.camera.spool import Spool
 from capture_app.node.leader.leader_node import LeaderNode
-from capture_app.node.leader.leader_options import LeaderOptions
 from capture_app.protocol.messages import (
     BurstRequest,
     FromLeader,
@@ -33,6 +32,7 @@ from capture_app.session.files.disk import disk_error
 from capture_app.session.reading.reader import Session
 from capture_app.session.writing.image_store import StoredImage
 from capture_app.session.writing.session_writer import SessionWriter
+from tests.cheap_rig import start_leader
 from tests.unit.net.echoes import received_from
 from tests.unit.node import bursts
 from tests.unit.node.camera.uploading import Picture, burst_upload, uploading
@@ -94,7 +94,7 @@ async def test_a_leader_whose_disk_is_full_before_the_first_image_says_so_and_go
     small_disk: Path,
 ) -> None:
     async with (
-        await LeaderNode.start(LeaderOptions(sessions=small_disk, host="127.0.0.1", port=0)) as leader,
+        await start_leader(small_disk) as leader,
         joined(leader.own_address, ("cam0", CAM0)),
     ):
         taking = leader.bursts.take(BurstRequest(frames=1, spare=2))

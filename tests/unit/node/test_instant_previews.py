@@ -15,11 +15,11 @@ from capture_app.common.errors import IncompleteError, NetworkError
 from capture_app.common.tasks import end
 from capture_app.node.camera.viewfinder import MAX_PERIODS, periods_between
 from capture_app.node.leader.leader_node import LeaderNode
-from capture_app.node.leader.leader_options import LeaderOptions
 from capture_app.node.leader.viewfinders import STORED, newest_instant
 from capture_app.protocol.status import Preview, RigStatus
 from capture_app.rig.instant_previews import InstantPreviews, collect, instant_previews
 from capture_app.rig.rig_link import RigLink
+from tests.cheap_rig import start_leader
 from tests.unit.node.joining import joined
 from tests.unit.node.test_viewfinder import Node
 from tests.unit.tui.fake_rig import FakeRig
@@ -81,9 +81,8 @@ def test_a_set_is_of_the_instant_that_is_complete() -> None:
 
 @asynccontextmanager
 async def rig_of(folder: Path, *names: str) -> AsyncIterator[tuple[LeaderNode, dict[str, Node]]]:
-    options = LeaderOptions(sessions=folder, host="127.0.0.1", port=0)
     async with AsyncExitStack() as stack:
-        leader = await stack.enter_async_context(await LeaderNode.start(options))
+        leader = await stack.enter_async_context(await start_leader(folder))
         await stack.enter_async_context(joined(leader.own_address, *((name, 5) for name in names)))
         nodes = {name: Node(name) for name in names}
         for node in nodes.values():

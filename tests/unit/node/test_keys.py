@@ -18,6 +18,7 @@ from capture_app.protocol.messages import FromLeader, KeyAnswer, KeyRequest, Ref
 from capture_app.sync.wire.codec import decode, encode
 from capture_app.sync.wire.datagrams import Goodbye, Hello, JoinRefusal
 from capture_app.trust.trust import Peer, Trust
+from tests.cheap_rig import start_leader
 from tests.facts import make_facts
 from tests.waiting import until
 
@@ -72,9 +73,7 @@ async def test_datagrams_of_strangers_change_nothing_and_are_told(
 
 async def test_a_leader_that_was_started_anew_gives_new_keys(tmp_path: Path, trust: Trust) -> None:
     machine = introduced(tmp_path, trust, "machine")
-    first = await LeaderNode.start(
-        LeaderOptions(sessions=tmp_path / "sessions", host="127.0.0.1", port=0, trust=trust)
-    )
+    first = await start_leader(tmp_path / "sessions", trust=trust)
     async with sealed_node(first.own_address, machine) as node:
         await until(lambda: node.time.is_member)
         await first.stop()

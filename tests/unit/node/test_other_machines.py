@@ -14,13 +14,13 @@ from capture_app.common.pairing_codes import Role
 from capture_app.net.channel import connect
 from capture_app.node.burst import camera_delivery
 from capture_app.node.leader.leader_node import LeaderNode
-from capture_app.node.leader.leader_options import LeaderOptions
 from capture_app.node.relay_node import RelayNode, RelayOptions
 from capture_app.protocol import messages as wire
 from capture_app.protocol.messages import FromLeader, Refusal
 from capture_app.sync.rig.burst_orders import BurstOrder
 from capture_app.sync.wire.datagrams import JoinRefusal
 from capture_app.trust.trust import Trust
+from tests.cheap_rig import start_leader
 from tests.unit.node.joining import joined
 from tests.unit.node.sealed_nodes import introduced
 from tests.unit.node.test_all_messages import every_message
@@ -87,11 +87,7 @@ async def field(
     burst = 0, 0
     for turn in range(1 + restarted):
         async with AsyncExitStack() as stack:
-            leader = await stack.enter_async_context(
-                await LeaderNode.start(
-                    LeaderOptions(sessions=sessions, host="127.0.0.1", port=0, trust=trust)
-                )
-            )
+            leader = await stack.enter_async_context(await start_leader(sessions, trust=trust))
             near = leader.own_address
             if below_relay:
                 options = RelayOptions(name="hall", parents=(near,), host="127.0.0.1", port=0, trust=relay)

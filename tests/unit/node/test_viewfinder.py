@@ -17,7 +17,6 @@ from capture_app.net.channel import Channel, connect
 from capture_app.node.camera.viewfinder import small_jpeg
 from capture_app.node.leader import viewfinders
 from capture_app.node.leader.leader_node import LeaderNode
-from capture_app.node.leader.leader_options import LeaderOptions
 from capture_app.protocol.messages import FromLeader, NodeStream
 from capture_app.protocol.orders import (
     CameraHealth,
@@ -27,6 +26,7 @@ from capture_app.protocol.orders import (
 )
 from capture_app.protocol.status import NodeDetail, Preview
 from capture_app.rig.rig_link import RigLink, Update
+from tests.cheap_rig import start_leader
 from tests.unit.node.camera.controlled_camera import ControlledCamera, ShownNode
 from tests.unit.node.joining import joined
 from tests.waiting import time_limit, until
@@ -41,9 +41,7 @@ OF_A = DetailRequest(camera="a")
 @pytest.fixture
 async def leader(tmp_path: Path) -> AsyncIterator[LeaderNode]:
     async with (
-        await LeaderNode.start(
-            LeaderOptions(sessions=tmp_path / "sessions", host="127.0.0.1", port=0)
-        ) as node,
+        await start_leader(tmp_path / "sessions") as node,
         joined(node.own_address, ("a", NODE)),
     ):
         yield node

@@ -4,14 +4,12 @@ import asyncio
 from pathlib import Path
 
 from capture_app import AsyncRig, Rig
-from capture_app.node.leader.leader_node import LeaderNode
-from capture_app.node.leader.leader_options import LeaderOptions
 from capture_app.trust.trust import Trust
+from tests.cheap_rig import start_leader
 
 
 async def test_a_notebook_joins_a_rig_by_the_trust_in_use(tmp_path: Path) -> None:
     trust = Trust(tmp_path / "trust")
-    options = LeaderOptions(sessions=tmp_path / "sessions", host="127.0.0.1", port=0, trust=trust)
 
     async def notebook() -> str:
         """Wait for each call while a loop is running already."""
@@ -19,7 +17,7 @@ async def test_a_notebook_joins_a_rig_by_the_trust_in_use(tmp_path: Path) -> Non
             return rig.status().leader
 
     with trust.in_use():
-        async with await LeaderNode.start(options) as leader:
+        async with await start_leader(tmp_path / "sessions", trust=trust) as leader:
             assert await asyncio.to_thread(asyncio.run, notebook()) == str(leader.address)
 
 

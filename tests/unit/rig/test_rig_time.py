@@ -9,13 +9,11 @@ from capture_app import open_session
 from capture_app.common.errors import BadInputError, UnknownMachineError
 from capture_app.common.host_clock import host_from_monotonic
 from capture_app.common.pairing_codes import Role
-from capture_app.node.leader.leader_node import LeaderNode
-from capture_app.node.leader.leader_options import LeaderOptions
 from capture_app.rig.rig_time import LeaderTime, place_mark, rig_time
 from capture_app.session.format.marks import RIG_MARKS, Mark, marks_of
 from capture_app.session.writing.session_writer import SessionWriter
 from capture_app.trust.trust import Trust
-from tests.cheap_rig import rig_of
+from tests.cheap_rig import rig_of, start_leader
 from tests.unit.node.sealed_nodes import introduced
 from tests.unit.session.recorded import record
 
@@ -58,9 +56,8 @@ async def test_without_a_take_it_is_beside_the_sessions(tmp_path: Path) -> None:
 @pytest.mark.parametrize("role", [None, Role.CAMERA])
 async def test_only_an_operator_marks_and_reads_the_time(tmp_path: Path, role: Role | None) -> None:
     trust = Trust(tmp_path / "trust")
-    options = LeaderOptions(sessions=tmp_path / "sessions", host="127.0.0.1", port=0, trust=trust)
     with trust.in_use():
-        async with await LeaderNode.start(options) as leader:
+        async with await start_leader(tmp_path / "sessions", trust=trust) as leader:
             await place_mark(leader.own_address, "ours")
             other = Trust(tmp_path / "other") if role is None else introduced(tmp_path, trust, "other", role)
             if role is None:

@@ -37,8 +37,6 @@ from capture_app.common.node_state import RELAY, NodeState
 from capture_app.common.take_limits import LIMITS
 from capture_app.node.camera.camera_node import CameraNode
 from capture_app.node.camera.supervisor import NodeOptions
-from capture_app.node.leader.leader_node import LeaderNode
-from capture_app.node.leader.leader_options import LeaderOptions
 from capture_app.protocol.messages import BurstRequest
 from capture_app.protocol.orders import CancelBurst, EndBurst
 from capture_app.rig.rig_link import RigLink
@@ -54,6 +52,7 @@ from capture_app.rig.taking import (
     Taking,
     Waiting,
 )
+from tests.cheap_rig import start_leader
 from tests.facts import make_facts
 from tests.unit.tui.fake_rig import FakeRig, make_node, show_motion
 from tests.unit.tui.shoot.studio import saves_into
@@ -394,8 +393,7 @@ async def camera_of(address: Address) -> AsyncIterator[None]:
 
 
 async def test_a_recording_is_ended(tmp_path: Path) -> None:
-    options = LeaderOptions(sessions=tmp_path, host="127.0.0.1", port=0)
-    async with await LeaderNode.start(options) as leader, camera_of(leader.own_address):
+    async with await start_leader(tmp_path) as leader, camera_of(leader.own_address):
         taking = Taking(RigLink(leader.own_address), TakePlan(video=True, wait_ready_s=SLOW_PATIENCE_S))
         async with time_limit("a recording", SLOW_PATIENCE_S):
             async for event in taking:

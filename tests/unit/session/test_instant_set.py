@@ -16,4 +16,5 @@ def test_it_is_a_set(instants: list[int], others: set[int]) -> None:
     assert [n for n in range(45) if n in found] == sorted({*instants})
     assert {*(found & others)} == {*instants} & others
     assert (found >= others) is ({*instants} >= others)
+    assert len(found._starts) == sum(n - 1 not in {*instants} for n in {*instants}), "hours in one run"
     assert found.end == max(instants, default=-1) + 1

@@ -2,19 +2,21 @@
 
 import hashlib
 import json
+import os
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from capture_app.cli import run
-from capture_app.common.errors import BadInputError, ExitCode
+from capture_app.common.errors import BadInputError, DiskError, DiskFullError, ExitCode
 from capture_app.session.exporting.export_session import export_session
 from capture_app.session.library.changes import set_note
 from capture_app.session.library.listing import read_card
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.take_sheet import TakeSheet
 from capture_app.session.reading.verify import verify
+from capture_app.session.writing import video_store
 from capture_app.session.writing.recovery import SET_ASIDE
 from capture_app.session.writing.session_writer import SessionWriter
 from tests.unit.session.recorded import frame, record, save_frames
@@ -106,6 +108,8 @@ def test_a_frame_that_comes_twice_is_there_once(tmp_path: Path) -> None:
     save_frames(writer, frame("right", 1))
     session = record(writer)
     assert verify(session) == []
+    right = [image.instant for image in session.manifest.images if image.camera == "right"]
+    assert right == [0, 1], "in order, though they came in another one"
     size = (session.folder / "videos/rig1/right.mjpeg").stat().st_size
     assert size == len(jpeg(0, 32, 24) + jpeg(1, 32, 24))
 
@@ -137,6 +141,34 @@ def test_bytes_after_the_last_whole_frame_are_set_aside(tmp_path: Path) -> None:
         assert video.read_bytes() == whole
     (aside,) = (tmp_path / "torn" / SET_ASIDE).rglob(f"{video.name}*")
     assert aside.read_bytes() == b"more"
+
+
+def test_frames_after_the_end_of_a_recording_are_in_no_manifest(tmp_path: Path) -> None:
+    with SessionWriter.create(tmp_path, "cut") as writer:
+        save_frames(writer, *(frame("left", instant) for instant in (0, 2, 1)))
+        assert [one.instant for one in writer.videos.in_order(2)] == [0, 1]
+
+
+def test_a_video_that_a_person_has_deleted_has_no_further_frame(tmp_path: Path) -> None:
+    with SessionWriter.create(tmp_path, "gone") as writer:
+        save_frames(writer, frame("left", 0))
+        (writer.folder / VIDEO).unlink()
+        with pytest.raises(DiskError):
+            writer.save([frame("left", 1)], in_videos=True)
+        assert not writer.has("left", 1)
+
+
+def test_a_full_disk_leaves_no_part_of_a_frame(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def half(handle: int, data: bytes) -> None:
+        os.write(handle, data[: len(data) // 2])
+        raise OSError(28, "No space left on device")
+
+    with SessionWriter.create(tmp_path, "full") as writer:
+        save_frames(writer, frame("left", 0))
+        monkeypatch.setattr(video_store, "write_all", half)
+        with pytest.raises(DiskFullError):
+            writer.save([frame("left", 1)], in_videos=True)
+        assert (writer.folder / VIDEO).read_bytes() == jpeg(0, 32, 24)
 
 
 def flip(path: Path, old: bytes = b"", new: bytes = b"") -> None:

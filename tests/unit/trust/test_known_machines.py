@@ -160,8 +160,8 @@ def test_only_who_was_let_in_as_a_standby_leads_by_the_word_of_a_leader(tmp_path
     assert trusted is not None
     assert trusted.roles == (Role.LEADER,)
     # Nor does whoever is known by another's word make others known.
-    more = [trusted, *leader.vouched_for(pins["standby"])]
-    node.take_trust_of(pins["standby"], more)
+    stranger = replace(trusted, pin=load_identity(tmp_path / "stranger").pin)
+    node.take_trust_of(pins["standby"], [trusted, stranger])
     assert len(node.all()) == 3
     # What a leader says of orders and cameras does not count here: it is no standby of this machine.
     node.take_trust_of(pins["leader"], [*word, *leader.vouched_for(pins["standby"])])

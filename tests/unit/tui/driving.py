@@ -1,11 +1,13 @@
 """What tests of the screen share: the app on a fake rig, and what it shows."""
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Any, TypeVar
 
 from textual.app import App
+from textual.pilot import Pilot
 from textual.widgets._toast import Toast
 
 from capture_app.tui.app import SimulshotApp
@@ -33,6 +35,14 @@ async def settle(pilot: Any) -> None:
     """Let messages of messages come through."""
     for _ in range(4):
         await pilot.pause()
+
+
+@asynccontextmanager
+async def running(app: SimulshotApp, width: int = 80, height: int = 24) -> AsyncIterator[Pilot[None]]:
+    """Run an app, begin when its first messages have come through, and give its pilot."""
+    async with app.run_test(size=(width, height)) as pilot:
+        await settle(pilot)
+        yield pilot
 
 
 async def stand_still(pilot: Any) -> None:

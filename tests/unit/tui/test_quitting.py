@@ -7,7 +7,7 @@ from textual.widgets import Button, Static
 from capture_app.common.text import ProgressStep
 from capture_app.tui.app import quit_question
 from capture_app.tui.jobs.run import Run, RunState
-from tests.unit.tui.driving import make_app, settle
+from tests.unit.tui.driving import make_app, running, settle
 from tests.unit.tui.fake_rig import FakeRig, make_node
 
 
@@ -21,8 +21,7 @@ async def test_a_running_job_is_named_with_how_far_it_is_and_staying_comes_first
         step=ProgressStep(2, 9, "scale"),
     )
     app = make_app(rig)
-    async with app.run_test(size=(100, 30)) as pilot:
-        await settle(pilot)
+    async with running(app, 100, 30) as pilot:
         question = quit_question(rig.status(), started=True, local=True, jobs=(str(run),))
         assert question is not None
         app.push_screen(question)

@@ -12,7 +12,7 @@ from capture_app.tui.rig.rig_view import RigView
 from capture_app.tui.rig_record import ActionFailed
 from capture_app.tui.screen_settings import Settings
 from capture_app.tui.shoot.preview_grid import PreviewTile
-from tests.unit.tui.driving import make_app, settle, text, toasts
+from tests.unit.tui.driving import make_app, running, settle, text, toasts
 from tests.unit.tui.fake_rig import FakeRig
 
 
@@ -144,8 +144,7 @@ async def test_a_changed_key_holds_and_is_shown(tmp_path: Path) -> None:
 
 async def test_what_lies_below_a_dialog_is_still_seen() -> None:
     app = make_app(FakeRig(2), started=True)
-    async with app.run_test(size=(100, 30)) as pilot:
-        await settle(pilot)
+    async with running(app, 100, 30) as pilot:
         await pilot.press("q")
         await settle(pilot)
         assert isinstance(app.screen, Question)

@@ -15,7 +15,7 @@ from capture_app.common.errors import BadInputError
 from capture_app.session.format.calibration import CameraCalibration
 from capture_app.session.format.journal import frame_of_line
 from capture_app.session.format.manifest import NO_INSTANT, CameraRecord, ImageRecord
-from capture_app.session.importing.recording_sources import Source, Video
+from capture_app.session.importing.recording_sources import Images, Source, Video
 from capture_app.session.reading.decoding import JPEG_BEGIN, decode_image, encode_image, is_whole_jpeg
 from capture_app.session.reading.reader import Session
 
@@ -207,7 +207,9 @@ class SourceRecording(Recording):
         )
 
     def picture(self, index: int) -> JpegPicture | None:
-        """Return the image of a frame; fast only for ascending frames, as a video is decoded in order."""
+        """Return the image of a frame; a video, decoded in order, is fast only for ascending frames."""
+        if isinstance(self._source, Images):
+            return _jpeg(self._source.read(index))
         with self._reading:
             if index <= self._read[0] or not self._read[1]:
                 self._frames = self._source.frames(range(index, len(self.timing.at_ns)))

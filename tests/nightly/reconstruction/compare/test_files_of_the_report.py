@@ -79,7 +79,7 @@ def panorama(
 def splat(method: SplatMethod, scene: Scene, condition: Condition, folder: Path) -> Iterator[Any]:
     assert method.instants is not None
     for k in method.instants:
-        yield SimpleNamespace(splat=read_splats(folder / "splats" / f"{k:06d}.ply"))
+        yield None, read_splats(folder / "splats" / f"{k:06d}.ply")
 
 
 def typed(line: str) -> Iterator[list[str]]:

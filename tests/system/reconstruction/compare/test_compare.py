@@ -39,6 +39,15 @@ def test_synchronization_shows_in_depth_and_panorama_but_not_in_what_stands_stil
     assert abs(synced["static_epipolar_px"] - offset["static_epipolar_px"]) < 0.2
     flow = [values(panorama, side)["mover_misfit_px"] for side in ("synced", "offset")]
     assert flow[1] > flow[0] + 2
+    late = f"{panorama['cameras'][1]}={panorama['offsets_ms'][panorama['cameras'][1]]:.4f}"
+    asked = ("--pair", ",".join(panorama["cameras"]), "--condition", late, "--json")
+    now = panorama["per_instant"][-1]
+    at = ("--instant", int(now["instant"]), "--register-at", panorama_registered_at(panorama))
+    files = reconstruct("panorama", boards.folder, *at, *asked, "--out", tmp_path / "files").result
+    shutil.rmtree(tmp_path / "files")
+    for side in ("synced", "offset"):
+        for of_files, of_page in (("misfit", "overlap_misfit_px"), ("mover_misfit", "mover_misfit_px")):
+            assert files[side][of_files]["median_px"] == now[f"{side}_{of_page}"]
     for control, slack in (("static_overlap_mad", 1), ("static_misfit_px", 0.1), ("static_found", 0.02)):
         still = [values(panorama, side)[control] for side in ("synced", "offset")]
         assert abs(still[0] - still[1]) < slack
@@ -56,6 +65,12 @@ def test_synchronization_shows_in_depth_and_panorama_but_not_in_what_stands_stil
     done_steps, total = steps[-1].partition("]")[0].removeprefix("[").split("/")
     assert done_steps == total
     assert [path.name for path in tmp_path.iterdir()] == ["out"]
+
+
+def panorama_registered_at(panorama: dict[str, Any]) -> str:
+    """The instant by which the page's command registers the images."""
+    words = panorama["commands"]["synced"].split()
+    return str(words[words.index("--register-at") + 1])
 
 
 def test_a_damaged_file_of_true_depth_costs_only_the_studies_that_read_it(

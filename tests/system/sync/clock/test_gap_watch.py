@@ -4,10 +4,10 @@ import random
 
 import pytest
 
+from benchmarks.clock.clock_changes import SPELL_CASES, cable, run_case, wifi
 from benchmarks.clock.ready_clocks import Slew, run_slew
+from benchmarks.simulated.link_spells import LAWS
 from capture_app.sync.clock.clock_filter import ClockFilter, ClockSample
-from tests.unit.benchmarks.simulated.clock_changes import SPELL_CASES, cable, run_case, wifi
-from tests.unit.benchmarks.simulated.link_spells import LAWS
 from tests.unit.sync.clock.test_gap_watch import MS, S
 
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks.clock.ready_clocks import Slew, run_slew
-from tests.unit.benchmarks.simulated.link_spells import LAWS, recorded_laws
+from benchmarks.simulated.link_spells import LAWS, recorded_laws
 
 
 @pytest.mark.parametrize("name", ["two states as recorded", "the same, 20 times as often"])

@@ -9,11 +9,11 @@ from dataclasses import replace
 
 import pytest
 
+from benchmarks.simulated.changing_clocks import ChangingClock, RateSpell
 from benchmarks.simulated.virtual_rig import NodeSpec, VirtualNode, VirtualRig
 from capture_app.common.clock import SimulatedClock
 from capture_app.plugins.cameras.sim.profiles import PROFILES
 from capture_app.sync.timekeeping.clock_events import TimesDoubted
-from tests.unit.benchmarks.simulated.changing_clock import ChangingClock, RateSpell
 from tests.unit.sync.rig.rigs import LAN, MS, S
 
 PERFECT = PROFILES["perfect"]

@@ -2,20 +2,17 @@
 
 from pathlib import Path
 
-from capture_app.node.leader.leader_node import LeaderNode
-from capture_app.node.leader.leader_options import LeaderOptions
 from capture_app.rig.rig_link import RigLink
 from capture_app.tui.app import SimulshotApp
 from capture_app.tui.rig.camera_screen import CameraScreen
 from capture_app.tui.screen_settings import Settings
+from tests.cheap_rig import start_leader
 from tests.unit.tui.driving import text
 from tests.waiting import SLOW_PATIENCE_S, until
 
 
 async def test_from_the_first_screen_to_a_camera_and_its_end(tmp_path: Path) -> None:
-    async with await LeaderNode.start(
-        LeaderOptions(sessions=tmp_path / "sessions", host="127.0.0.1", port=0, spool=tmp_path / "spool")
-    ) as leader:
+    async with await start_leader(tmp_path / "sessions", spool=tmp_path / "spool") as leader:
         settings = Settings(choices={"start.cameras": 1, "start.scene": "bars"})
         app = SimulshotApp(
             RigLink(leader.own_address), settings=settings, sessions=tmp_path / "sessions", local=False

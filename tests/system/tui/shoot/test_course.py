@@ -11,8 +11,7 @@ async def test_on_the_sheet_a_take_is_seen_from_the_key_to_its_pictures(tmp_path
     rig = ready_rig(3)
     rig.take = saves_into(tmp_path)
     studio = Studio(rig, tmp_path)
-    async with studio.app.run_test(size=(80, 24)) as pilot:
-        await studio.enter(pilot)
+    async with studio.running() as pilot:
         await pilot.press("space")
         await studio.settle(pilot)
         assert studio.view.stage.border_title == "burst-001"

@@ -16,8 +16,7 @@ async def test_l_shows_depth_of_the_chosen_camera(tmp_path: Path, monkeypatch: p
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
     rig = calibrated_rig(tmp_path)
     studio = Studio(rig, tmp_path)
-    async with studio.app.run_test(size=(120, 40)) as pilot:
-        await studio.enter(pilot)
+    async with studio.running(120, 40) as pilot:
         stage = studio.view.stage
 
         def shows(words: str) -> bool:

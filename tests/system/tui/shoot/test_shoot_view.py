@@ -23,8 +23,7 @@ async def test_name_and_notes_go_with_the_take(tmp_path: Path) -> None:
     rig.take = saves_into(tmp_path, cameras=2)
     settings = Settings()
     studio = Studio(rig, tmp_path, settings)
-    async with studio.app.run_test(size=(120, 40)) as pilot:
-        await studio.enter(pilot)
+    async with studio.running(120, 40) as pilot:
         await pilot.press("n", *"dancer", "enter", "t", *"left light off", "enter", "space")
         await studio.settle(pilot)
         assert (studio.requests[0].name, studio.requests[0].note) == ("dancer", "left light off")
@@ -36,8 +35,7 @@ async def test_a_take_follows_its_session(tmp_path: Path) -> None:
     rig = ready_rig(2)
     rig.take = saves_into(tmp_path, cameras=2)
     studio = Studio(rig, tmp_path)
-    async with studio.app.run_test(size=(120, 40)) as pilot:
-        await studio.enter(pilot)
+    async with studio.running(120, 40) as pilot:
         await pilot.press("space")
         await studio.settle(pilot)
         shoot = studio.view
@@ -67,8 +65,7 @@ async def test_a_retake_keeps_or_trashes_the_take_before(tmp_path: Path, answer:
     rig = ready_rig(2)
     rig.take = saves_into(tmp_path, cameras=2)
     studio = Studio(rig, tmp_path)
-    async with studio.app.run_test(size=(120, 40)) as pilot:
-        await studio.enter(pilot)
+    async with studio.running(120, 40) as pilot:
         await pilot.press("space")
         await studio.settle(pilot)
         await pilot.press("v", "right", "right", "r")
@@ -118,8 +115,7 @@ async def test_enter_opens_a_picture_and_w_wiggles(tmp_path: Path) -> None:
     rig = ready_rig(3)
     rig.take = saves_into(tmp_path)
     studio = Studio(rig, tmp_path)
-    async with studio.app.run_test(size=(120, 40)) as pilot:
-        await studio.enter(pilot)
+    async with studio.running(120, 40) as pilot:
         await pilot.press("space")
         await studio.settle(pilot)
         await pilot.press("right", "down", "enter")

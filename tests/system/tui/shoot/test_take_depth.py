@@ -19,8 +19,7 @@ async def test_the_panel_shows_depth_after_a_take_and_a_key_opens_its_page(
     monkeypatch.delenv("SSH_TTY", raising=False)
     monkeypatch.setattr(studio.app, "open_url", opened.append)
     monkeypatch.setattr("webbrowser.get", lambda: None)
-    async with studio.app.run_test(size=(120, 50)) as pilot:
-        await studio.enter(pilot)
+    async with studio.running(120, 50) as pilot:
         await pilot.press("space")
         await until(pilot, lambda: "94 % of moving pixels have depth" in studio.view.take_panel.plain)
         (made,) = studio.app.runs.all
@@ -40,8 +39,7 @@ async def test_the_panel_shows_depth_after_a_take_and_a_key_opens_its_page(
 
 async def test_a_rig_without_a_calibration_gets_a_line_and_no_alarm(studio: Studio, tmp_path: Path) -> None:
     (tmp_path / "how").write_text("refuse")
-    async with studio.app.run_test(size=(80, 24)) as pilot:
-        await studio.enter(pilot)
+    async with studio.running() as pilot:
         said = "depth not applicable: no valid calibration"
         for number in (1, 2):
             await pilot.press("space")
@@ -57,8 +55,7 @@ async def test_of_takes_that_follow_quickly_the_last_is_not_kept_waiting(
     studio: Studio, tmp_path: Path
 ) -> None:
     (tmp_path / "how").write_text("wait")
-    async with studio.app.run_test(size=(120, 50)) as pilot:
-        await studio.enter(pilot)
+    async with studio.running(120, 50) as pilot:
         for number in (1, 2, 3):
             await pilot.press("space")
             await until(pilot, partial(has_runs, studio, number))

@@ -1,6 +1,6 @@
 """The clock whose rate is changed from outside."""
 
-from tests.unit.benchmarks.simulated.changing_clock import ChangingClock, RateSpell
+from benchmarks.simulated.changing_clocks import ChangingClock, RateSpell
 
 S = 1_000_000_000
 

@@ -1,6 +1,6 @@
 """A node whose leader's clock, or whose way to it, changes says so, and never what is not true for long."""
 
-from tests.unit.benchmarks.simulated.clock_changes import CASES, ChangeFigures, run_case
+from benchmarks.clock.clock_changes import CASES, ChangeFigures, run_case
 
 BY_NAME = {case.name: case for case in CASES}
 

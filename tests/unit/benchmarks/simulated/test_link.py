@@ -5,9 +5,9 @@ from itertools import pairwise
 
 import pytest
 
+from benchmarks.simulated.link_spells import ReplayedDelay
 from benchmarks.simulated.links import Link
 from benchmarks.simulated.wireless import PAPER_LINK, GammaDelay, TroubleSpells, WirelessLink
-from tests.unit.benchmarks.simulated.link_spells import ReplayedDelay
 
 MS, S = 1_000_000, 1_000_000_000
 STEADY = GammaDelay(500_000, 500_001, 1.0)

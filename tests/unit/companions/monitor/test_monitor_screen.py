@@ -2,14 +2,13 @@
 
 import aiohttp
 
-from tests.unit.tui.driving import lines, make_app, settle, text, until
+from tests.unit.tui.driving import lines, make_app, running, text, until
 from tests.unit.tui.fake_rig import FakeRig
 
 
 async def test_the_code_of_the_monitor_fits_and_its_page_goes_on_when_the_dialog_is_closed() -> None:
     app = make_app(FakeRig(5))
-    async with app.run_test(size=(80, 24)) as pilot:
-        await settle(pilot)
+    async with running(app) as pilot:
         await pilot.press("g")
         await until(pilot, lambda: app.screen.id == "monitor-guide" and lines(app, "#monitor-code"))
         code, words = lines(app, "#monitor-code"), lines(app, "#monitor-words")

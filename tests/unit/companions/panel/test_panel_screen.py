@@ -7,7 +7,7 @@ from urllib.request import urlopen
 from capture_app.companions.panel.screen import page_html
 from capture_app.tui.app import SimulshotApp
 from capture_app.tui.rig.guide_screens import GuideScreen
-from tests.unit.tui.driving import lines, make_app, screen_of, settle, text, until
+from tests.unit.tui.driving import lines, make_app, running, screen_of, settle, text, until
 from tests.unit.tui.fake_rig import FakeRig
 
 
@@ -25,8 +25,7 @@ def shows_panel(app: SimulshotApp) -> bool:
 
 async def test_the_page_is_served_while_one_looks() -> None:
     app = make_app(FakeRig(5))
-    async with app.run_test(size=(80, 24)) as pilot:
-        await settle(pilot)
+    async with running(app) as pilot:
         await pilot.press("p")
         await until(pilot, lambda: isinstance(app.screen, GuideScreen))
         screen = screen_of(app, GuideScreen)

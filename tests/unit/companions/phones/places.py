@@ -13,11 +13,11 @@ from capture_app.common.node_state import NodeState
 from capture_app.companions.phones.gateway import PhoneGateway
 from capture_app.companions.phones.phone_camera import PhoneNodes
 from capture_app.node.leader.leader_node import LeaderNode
-from capture_app.node.leader.leader_options import LeaderOptions
 from capture_app.protocol.messages import BurstRequest
 from capture_app.session.reading.reader import Session
 from capture_app.web.admission import Admission
 from capture_app.web.certificate import own_certificate
+from tests.cheap_rig import start_leader
 from tests.unit.companions.phones.stand_in import StandInPhone
 from tests.waiting import SLOW_PATIENCE_S, time_limit, until
 
@@ -52,9 +52,7 @@ async def serving(
 ) -> AsyncGenerator[Place, None]:
     """A leader and a gateway on the loopback, until the block ends."""
     said: list[str] = []
-    async with await LeaderNode.start(
-        LeaderOptions(sessions=folder / "sessions", host="127.0.0.1", port=0)
-    ) as leader:
+    async with await start_leader(folder / "sessions") as leader:
         admission = Admission(time.monotonic)
         nodes = PhoneNodes((leader.own_address,), folder / "spool", said.append, sound=sound)
         gateway = PhoneGateway(admission, nodes.add, size, sound=sound)

@@ -7,9 +7,8 @@ import pytest
 from capture_app.common.address import Address
 from capture_app.machine import doctor
 from capture_app.net.local_network import Firewall, active_firewalls, parse_power_save, wifi_interfaces
-from capture_app.node.leader.leader_node import LeaderNode
-from capture_app.node.leader.leader_options import LeaderOptions
 from capture_app.trust.trust import Trust
+from tests.cheap_rig import start_leader
 from tests.unit.net.ports import closed_port
 
 EVERYWHERE = "0.0.0.0"
@@ -122,7 +121,7 @@ def test_wifi_interfaces_are_told_from_others(tmp_path: Path) -> None:
 
 
 async def test_a_leader_in_reach_is_good_and_one_that_is_not_is_a_problem(tmp_path: Path) -> None:
-    async with await LeaderNode.start(LeaderOptions(sessions=tmp_path, host="127.0.0.1", port=0)) as running:
+    async with await start_leader(tmp_path) as running:
         assert (await doctor.leader(running.address)).grade == "good"
         own = await doctor.own_rig(running.address)
     assert own.grade == "warning"

@@ -25,6 +25,7 @@ from tests.unit.node.bursts import (
     pieces,
     receive_image,
     report,
+    saved,
     upload,
 )
 
@@ -39,11 +40,6 @@ async def deliver(session: BurstSession, name: str, *instants: int) -> None:
 
 def files_in(folder: Path) -> list[Path]:
     return [path for path in folder.rglob("*") if path.is_file()]
-
-
-def saved(session: BurstSession) -> Session:
-    assert session.session is not None
-    return Session.open(session.session)
 
 
 async def test_it_is_finished_when_every_camera_has_delivered(tmp_path: Path) -> None:

@@ -175,3 +175,12 @@ async def test_an_interrupted_burst_that_told_nothing_is_repaired_without_nodes(
     await session.suspend()
     (result,) = await repair(session.folder, wait_s=0, address=Address("127.0.0.1", 0), log=Log())
     assert (result.ok, result.images, result.missing) == (True, 0, 4)
+
+
+async def test_a_repaired_session_awaits_no_image_that_its_camera_lacks(tmp_path: Path) -> None:
+    session = burst_session(tmp_path, "a", "b")
+    await session.write_plan(LEADER)
+    await session.accept_report(dropping("a", 2, 0, 1), 0)
+    await session.suspend()
+    (result,) = await repair(session.folder, wait_s=0, address=Address("127.0.0.1", 0), log=Log())
+    assert (result.ok, result.missing, result.awaited) == (True, 4, ("b",))

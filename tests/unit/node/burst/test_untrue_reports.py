@@ -22,7 +22,6 @@ from capture_app.protocol.messages import CameraReport, ImageBatch, ImageUpload,
 from capture_app.session.format.burst_plan import MissingRun
 from capture_app.session.format.calibration import CameraCalibration
 from capture_app.session.format.manifest import CameraRecord, ClockRecord, MissingImage
-from capture_app.session.reading.reader import Session
 from capture_app.session.writing.session_writer import SessionWriter
 from capture_app.sync.rig.frame_selection import Burst
 from tests.facts import make_facts
@@ -38,6 +37,7 @@ from tests.unit.node.bursts import (
     pieces,
     receive_image,
     report,
+    saved,
     upload,
 )
 
@@ -147,8 +147,7 @@ async def test_a_report_that_cannot_be_true_leaves_its_camera_out(
     for instant in (0, 1):
         await receive_image(session, upload("b", instant), pieces(IMAGE))
     assert session.finished.is_set(), "nothing waits for a camera that was left out"
-    assert session.session is not None
-    manifest = Session.open(session.session).manifest
+    manifest = saved(session).manifest
     assert [image.camera for image in manifest.images] == ["b", "b"]
     assert {gap.camera for gap in manifest.missing} == {"a"}
     assert not any(gap.dropped for gap in manifest.missing)
@@ -178,8 +177,7 @@ async def test_a_report_that_says_nothing_again_and_again_holds_up_no_burst(tmp_
             for instant in (0, 1):
                 await receive_image(session, upload("b", instant), pieces(IMAGE), now_ns)
         await session.give_up_silent_cameras({}, now_ns)
-    assert session.session is not None
-    manifest = Session.open(session.session).manifest
+    manifest = saved(session).manifest
     assert [image.camera for image in manifest.images] == ["b", "b"]
     assert {gap.reason for gap in manifest.missing} == {"its node did not report it"}
 
@@ -192,8 +190,7 @@ async def test_a_node_that_was_killed_keeps_what_it_still_has_of_a_burst(tmp_pat
     await session.accept_report(report("b", 0, 1), now_ns=0)
     for name, instant in (("a", 1), ("b", 0), ("b", 1)):
         await receive_image(session, upload(name, instant), pieces(IMAGE))
-    assert session.session is not None
-    missing = Session.open(session.session).manifest.missing
+    missing = saved(session).manifest.missing
     assert [(gap.camera, gap.instant, gap.reason) for gap in missing] == [
         ("a", 0, "its node did not report it")
     ]
@@ -207,8 +204,7 @@ async def test_a_node_that_was_started_again_changes_no_clock_of_a_burst(tmp_pat
     await session.accept_report(report("a", 0, 1).with_plan(camera=later), now_ns=0)
     for instant in (0, 1):
         await receive_image(session, upload("a", instant), pieces(IMAGE))
-    assert session.session is not None
-    assert Session.open(session.session).camera("a").facts == CAMERA
+    assert saved(session).camera("a").facts == CAMERA
 
 
 async def test_a_recording_waits_for_an_image_that_was_reported_missing_before(tmp_path: Path) -> None:
@@ -240,8 +236,7 @@ async def test_a_report_that_stays_without_its_spare_instants_holds_up_no_burst(
     assert [answer.requested for answer in answers] == [(0, 1), (0, 1)]
     for name, instant in (("a", 0), ("a", 1), ("b", 0)):
         await receive_image(session, upload(name, instant), pieces(IMAGE))
-    assert session.session is not None
-    assert [(of.camera, of.instant) for of in Session.open(session.session).manifest.missing] == [("b", 1)]
+    assert [(of.camera, of.instant) for of in saved(session).manifest.missing] == [("b", 1)]
 
 
 async def test_a_recording_is_waited_for_while_its_frames_arrive(tmp_path: Path) -> None:
@@ -303,8 +298,7 @@ async def test_a_burst_ends_though_a_camera_selects_for_ever_and_is_silent(tmp_p
     await session.accept_report(report("a").with_plan(picking=True), now_ns=last_ns + CAMERA_STALLED_NS)
     await session.give_up_silent_cameras({}, last_ns + CAMERA_STALLED_NS)
     assert session.finished.is_set(), "it says that it selects, and sends nothing"
-    assert session.session is not None
-    assert [image.camera for image in Session.open(session.session).manifest.images] == ["b", "b"]
+    assert [image.camera for image in saved(session).manifest.images] == ["b", "b"]
 
 
 @pytest.mark.parametrize(

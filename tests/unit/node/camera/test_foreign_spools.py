@@ -10,9 +10,11 @@ from capture_app.common.errors import SimulshotError
 from capture_app.machine import doctor
 from capture_app.net.channel import Channel
 from capture_app.node.camera.burst_upload import encode_frame
+from capture_app.node.camera.film_spool import SpooledFilm
 from capture_app.node.camera.spool import Spool
 from capture_app.protocol.messages import ToLeader
 from tests.images import small_jpeg
+from tests.unit.node.bursts import IMAGE, upload
 from tests.unit.node.camera.uploading import Picture, burst_upload, images, uploading
 from tests.waiting import until
 
@@ -46,6 +48,16 @@ async def test_a_spool_of_an_earlier_protocol_is_delivered(tmp_path: Path, proto
     assert stored == {n: small_jpeg(text) for n, text in enumerate((b"zero", b"one", b"two"))}
     assert [*(spool / "a").iterdir()] == []
     assert not any("left alone" in line for line in said)
+
+
+def test_new_frames_beside_images_of_an_earlier_protocol_keep_their_index(tmp_path: Path) -> None:
+    """The image of instant 1 and the first segment have one number: its index went with that image."""
+    film = SpooledFilm(shutil.copytree(SPOOLS / "protocol-7/a" / NAME, tmp_path / NAME))
+    assert [frame.record.instant for frame in film.recover()] == [0, 1, 2]
+    film.append([(upload("a", 3), IMAGE)])
+    assert (tmp_path / NAME / "000001.ndjson").exists()
+    assert film.release([1]) == [tmp_path / NAME / "000001.jpg"]
+    film.close()
 
 
 @pytest.mark.parametrize("protocol", [7, 8])

@@ -13,7 +13,6 @@ from capture_app.common.address import Address
 from capture_app.common.pairing_codes import Role
 from capture_app.net.channel import Channel, connect
 from capture_app.node.leader.leader_node import LeaderNode
-from capture_app.node.leader.leader_options import LeaderOptions
 from capture_app.node.relay_node import RelayNode, RelayOptions
 from capture_app.protocol.messages import FromLeader, KeyRequest, NodeStream, Refusal, ReportAck, SpoolSpace
 from capture_app.protocol.orders import InvitePhone, StopRig
@@ -22,6 +21,7 @@ from capture_app.sync.rig import roster as roster_module
 from capture_app.sync.rig.roster import Roster
 from capture_app.sync.wire.datagrams import Hello, Principal
 from capture_app.trust.trust import Trust
+from tests.cheap_rig import start_leader
 from tests.facts import make_facts
 from tests.unit.node.joining import joined
 from tests.unit.node.sealed_nodes import introduced
@@ -37,9 +37,7 @@ RUNS = {"cam0": 1111, "cam1": 2222}
 async def relays(folder: Path, depth: int) -> AsyncIterator[tuple[LeaderNode, RelayNode, Trust]]:
     """A leader and so many relays below each other; the last one, and its trust."""
     trust = Trust(folder / "leader")
-    async with await LeaderNode.start(
-        LeaderOptions(sessions=folder / "sessions", host="127.0.0.1", port=0, trust=trust)
-    ) as leader:
+    async with await start_leader(folder / "sessions", trust=trust) as leader:
         own = introduced(folder, trust, "relay-1", Role.RELAY)
         async with await relay("relay-1", leader.own_address, own) as first:
             if depth == 1:

@@ -13,10 +13,10 @@ from capture_app.common.pairing_codes import Role
 from capture_app.net.channel import Channel, connect
 from capture_app.node.enrolment import ask_to_enrol, is_known, pair
 from capture_app.node.leader.leader_node import LeaderNode
-from capture_app.node.leader.leader_options import LeaderOptions
 from capture_app.protocol import messages, orders, pairing_messages
 from capture_app.protocol.messages import FromLeader, NodeStream, Refusal
 from capture_app.trust.trust import Trust
+from tests.cheap_rig import start_leader
 from tests.unit.net.echoes import received_from
 from tests.unit.node.joining import joined
 
@@ -29,9 +29,7 @@ def machine(tmp_path: Path) -> Trust:
 @pytest.fixture
 async def leader(tmp_path: Path) -> AsyncIterator[LeaderNode]:
     trust = Trust(tmp_path / "leader")
-    async with await LeaderNode.start(
-        LeaderOptions(sessions=tmp_path / "sessions", host="127.0.0.1", port=0, trust=trust)
-    ) as node:
+    async with await start_leader(tmp_path / "sessions", trust=trust) as node:
         yield node
 
 

@@ -10,7 +10,6 @@ from capture_app.common.errors import BadInputError
 from capture_app.common.pairing_codes import Role
 from capture_app.node.burst.burst_session import BurstSession
 from capture_app.node.leader.leader_node import LeaderNode
-from capture_app.node.leader.leader_options import LeaderOptions
 from capture_app.node.relay_node import RelayNode, RelayOptions
 from capture_app.protocol.orders import RemoveCamera
 from capture_app.session.reading.reader import Session
@@ -18,6 +17,7 @@ from capture_app.session.writing.recovery import RESERVE
 from capture_app.sync.rig.burst_orders import BurstOrder
 from capture_app.sync.wire.datagrams import JoinRefusal, Welcome
 from capture_app.trust.trust import Trust
+from tests.cheap_rig import start_leader
 from tests.images import small_jpeg
 from tests.unit.node.joining import joined
 from tests.unit.node.sealed_nodes import introduced
@@ -48,9 +48,7 @@ def thief(tmp_path: Path, trust: Trust) -> Trust:
 
 @asynccontextmanager
 async def leading(folder: Path, trust: Trust) -> AsyncIterator[LeaderNode]:
-    async with await LeaderNode.start(
-        LeaderOptions(sessions=folder / "sessions", host="127.0.0.1", port=0, trust=trust)
-    ) as leader:
+    async with await start_leader(folder / "sessions", trust=trust) as leader:
         yield leader
 
 

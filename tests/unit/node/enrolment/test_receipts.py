@@ -12,8 +12,6 @@ from capture_app.net.channel import Channel, connect
 from capture_app.node.camera.spool import Spool
 from capture_app.node.camera.uploader import Uploader
 from capture_app.node.enrolment import pair
-from capture_app.node.leader.leader_node import LeaderNode
-from capture_app.node.leader.leader_options import LeaderOptions
 from capture_app.protocol.log import Log
 from capture_app.protocol.messages import (
     CameraReport,
@@ -29,6 +27,7 @@ from capture_app.protocol.pairing_messages import Invite
 from capture_app.sync.rig.burst_orders import BurstOrder
 from capture_app.trust.identity import is_proven, sign
 from capture_app.trust.trust import Trust
+from tests.cheap_rig import start_leader
 from tests.images import small_jpeg
 from tests.unit.net.echoes import serving
 from tests.unit.node.camera.uploading import Picture, burst_upload, receipts_of
@@ -157,7 +156,6 @@ async def test_a_node_that_pairs_with_a_relay_learns_whose_signature_it_needs(tm
             invited = await ask(channel, Invite())
         await pair(near.address, invited.code, node)
         assert node.roots_of(trust.identity.pin) == (leader.options.trust.identity.pin,)
-        options = LeaderOptions(sessions=tmp_path / "s2", host="127.0.0.1", port=0, trust=trust)
-        async with await LeaderNode.start(options) as new:
+        async with await start_leader(tmp_path / "s2", trust=trust) as new:
             await pair(new.own_address, new.enrolment.invite(Role.CAMERA).code, node)
         assert not node.roots_of(trust.identity.pin), "it is a leader itself now"

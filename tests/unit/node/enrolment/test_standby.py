@@ -22,6 +22,7 @@ from capture_app.sync.rig.burst_orders import BurstOrder
 from capture_app.sync.wire.datagrams import Hello
 from capture_app.trust.known_machines import CameraNames
 from capture_app.trust.trust import Trust
+from tests.cheap_rig import start_leader
 from tests.facts import make_facts
 from tests.unit.node.sealed_nodes import introduced, sealed_node
 from tests.waiting import until
@@ -79,8 +80,7 @@ async def standing_by(
 async def test_a_standby_leads_the_nodes_that_were_paired_with_the_leader(
     tmp_path: Path, trust: Trust
 ) -> None:
-    options = LeaderOptions(sessions=tmp_path / "s1", host="127.0.0.1", port=0, trust=trust)
-    async with await LeaderNode.start(options) as leader:
+    async with await start_leader(tmp_path / "s1", trust=trust) as leader:
         machine, second = introduced(tmp_path, trust, "machine"), standby_of(tmp_path, trust)
         async with standing_by(tmp_path, second, leader.own_address) as led:
             await until(lambda: any(n.name.startswith("leader-") for n in leader.status().nodes))
@@ -116,8 +116,7 @@ async def test_a_burst_after_a_takeover_names_the_cameras_that_are_not_back(
 
     monkeypatch.setattr(standby, "RankedLeader", Noted)
     monkeypatch.setattr(standby, "ASK_EVERY_S", 0.1)
-    options = LeaderOptions(sessions=tmp_path / "s1", host="127.0.0.1", port=0, trust=trust)
-    async with await LeaderNode.start(options) as leader:
+    async with await start_leader(tmp_path / "s1", trust=trust) as leader:
         machine, second = introduced(tmp_path, trust, "machine"), standby_of(tmp_path, trust)
         async with standing_by(tmp_path, second, leader.own_address) as led:
             at = leader.own_address
@@ -140,8 +139,7 @@ async def test_a_burst_after_a_takeover_names_the_cameras_that_are_not_back(
 
 
 async def test_a_node_goes_on_with_the_standby_when_the_leader_stops(tmp_path: Path, trust: Trust) -> None:
-    options = LeaderOptions(sessions=tmp_path / "s1", host="127.0.0.1", port=0, trust=trust)
-    async with await LeaderNode.start(options) as leader:
+    async with await start_leader(tmp_path / "s1", trust=trust) as leader:
         machine, second = introduced(tmp_path, trust, "machine"), standby_of(tmp_path, trust)
         async with standing_by(tmp_path, second, leader.own_address) as led:
             await until(lambda: any(n.name.startswith("leader-") for n in leader.status().nodes))

@@ -10,10 +10,9 @@ from msgspec.structs import replace
 from capture_app.common.address import Address
 from capture_app.common.camera_facts import TIMES, CameraControls, Control
 from capture_app.common.errors import BadInputError, IncompleteError
-from capture_app.node.leader.leader_node import LeaderNode
-from capture_app.node.leader.leader_options import LeaderOptions
 from capture_app.protocol.orders import ControlsAnswer, ControlsRequest
 from capture_app.rig.rig_link import ask_leader, match_cameras, set_cameras
+from tests.cheap_rig import start_leader
 from tests.unit.node.camera.controlled_camera import EXPOSURE, GAIN, ControlledCamera, ShownNode
 from tests.unit.node.joining import joined
 from tests.waiting import until
@@ -38,7 +37,7 @@ class Rig:
 
 @pytest.fixture
 async def rig(tmp_path: Path, open_rig: None) -> AsyncIterator[Rig]:
-    async with await LeaderNode.start(LeaderOptions(sessions=tmp_path, host="127.0.0.1", port=0)) as node:
+    async with await start_leader(tmp_path) as node:
         made = Rig(node.own_address)
         runs = {name: number for number, name in enumerate(made.cameras, 1)}
         async with joined(node.own_address, *runs.items()):

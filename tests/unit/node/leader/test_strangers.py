@@ -16,7 +16,6 @@ from capture_app.node.burst.burst_session import BurstSession
 from capture_app.node.burst.resumed_bursts import ResumedBursts
 from capture_app.node.camera.spool import REPORT, Spool
 from capture_app.node.leader.leader_node import LeaderNode
-from capture_app.node.leader.leader_options import LeaderOptions
 from capture_app.protocol.messages import (
     BurstRequest,
     CameraReport,
@@ -34,6 +33,7 @@ from capture_app.protocol.pairing_messages import EnrolRequest, PairingMessage, 
 from capture_app.session.format.journal import record_of_line
 from capture_app.session.format.manifest import ImageRecord, MissingImage
 from capture_app.session.reading.reader import Session
+from tests.cheap_rig import start_leader
 from tests.unit.net.echoes import received_from
 from tests.unit.node import bursts
 from tests.unit.node.camera.uploading import Picture, burst_upload, uploading
@@ -65,7 +65,7 @@ def of_burst(leader: LeaderNode, burst: int, told: Any) -> Any:
 
 async def test_the_newest_stream_of_a_camera_is_the_one_that_stays(tmp_path: Path) -> None:
     async with (
-        await LeaderNode.start(LeaderOptions(sessions=tmp_path, host="127.0.0.1", port=0)) as leader,
+        await start_leader(tmp_path) as leader,
         joined(leader.own_address, ("cam0", CAM0)),
         stream(leader, "cam0", CAM0) as first,
     ):
@@ -80,7 +80,7 @@ async def test_the_newest_stream_of_a_camera_is_the_one_that_stays(tmp_path: Pat
 
 async def test_nobody_speaks_for_another_camera(tmp_path: Path) -> None:
     async with (
-        await LeaderNode.start(LeaderOptions(sessions=tmp_path, host="127.0.0.1", port=0)) as leader,
+        await start_leader(tmp_path) as leader,
         joined(leader.own_address, ("cam0", CAM0), ("stranger", UNKNOWN_PEER)),
     ):
         taking = leader.bursts.take(BurstRequest(frames=1, spare=0))
@@ -130,7 +130,7 @@ async def test_nobody_speaks_for_another_camera(tmp_path: Path) -> None:
 
 async def test_a_node_that_has_joined_keeps_one_stream_and_not_all_room(tmp_path: Path) -> None:
     async with (
-        await LeaderNode.start(LeaderOptions(sessions=tmp_path, host="127.0.0.1", port=0)) as leader,
+        await start_leader(tmp_path) as leader,
         joined(leader.own_address, ("cam0", CAM0), ("cam1", UNKNOWN_PEER)),
         stream(leader, "cam1", UNKNOWN_PEER) as other,
         stream(leader, "cam0", CAM0) as left,
@@ -253,7 +253,7 @@ def test_a_line_that_is_nested_too_deeply_is_a_damaged_one(tmp_path: Path) -> No
 
 
 async def test_nobody_is_made_known_to_an_open_rig_and_is_told_so(tmp_path: Path) -> None:
-    async with await LeaderNode.start(LeaderOptions(sessions=tmp_path, host="127.0.0.1", port=0)) as leader:
+    async with await start_leader(tmp_path) as leader:
         for message in (
             PairingMessage(certificate=b"x", name="x", spake2_message=b"x"),
             PairingProof(proof=b"x"),

@@ -15,8 +15,6 @@ from capture_app.common.node_state import NodeState
 from capture_app.node.camera.camera_node import CameraNode
 from capture_app.node.camera.device_profiles import DeviceProfiles, link_key
 from capture_app.node.camera.supervisor import NodeOptions
-from capture_app.node.leader.leader_node import LeaderNode
-from capture_app.node.leader.leader_options import LeaderOptions
 from capture_app.protocol.messages import BurstRequest
 from capture_app.protocol.orders import SaveStamp, StampSaved
 from capture_app.protocol.status import BurstStatus
@@ -24,6 +22,7 @@ from capture_app.rig.rig_link import RigLink, ask_leader
 from capture_app.session.format.manifest import Manifest
 from capture_app.session.reading.reader import Session
 from capture_app.sync.clock.clock_filter import PathAsymmetry
+from tests.cheap_rig import start_leader
 from tests.waiting import until
 
 pytestmark = pytest.mark.virtual
@@ -46,9 +45,7 @@ def link(rig: Rig) -> RigLink:
 @pytest.fixture
 async def rig(tmp_path: Path) -> AsyncIterator[Rig]:
     clock = HostClock()
-    async with await LeaderNode.start(
-        LeaderOptions(sessions=tmp_path / "sessions", host="127.0.0.1", port=0)
-    ) as leader:
+    async with await start_leader(tmp_path / "sessions") as leader:
         spec = "sim:perfect,scale=0.1"
         options = NodeOptions(
             profiles=DeviceProfiles(tmp_path),

@@ -5,10 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from capture_app.node.leader.leader_node import LeaderNode
-from capture_app.node.leader.leader_options import LeaderOptions
 from capture_app.node.leader.watchers import UNUSED_NS
 from capture_app.rig.rig_link import ask_status
+from tests.cheap_rig import start_leader
 from tests.unit.node.joining import joined
 
 pytestmark = [pytest.mark.usefixtures("open_rig"), pytest.mark.virtual]
@@ -16,7 +15,7 @@ CAM0, UNUSED_S = 1234567, UNUSED_NS / 1e9
 
 
 async def test_a_rig_ends_once_no_operator_asks(tmp_path: Path) -> None:
-    async with await LeaderNode.start(LeaderOptions(sessions=tmp_path, host="127.0.0.1", port=0)) as node:
+    async with await start_leader(tmp_path) as node:
         ends = asyncio.create_task(node.wait_until_unused())
         for _ in range(3):
             await ask_status(node.own_address)
@@ -26,7 +25,7 @@ async def test_a_rig_ends_once_no_operator_asks(tmp_path: Path) -> None:
 
 
 async def test_a_rig_that_had_a_camera_stays(tmp_path: Path) -> None:
-    async with await LeaderNode.start(LeaderOptions(sessions=tmp_path, host="127.0.0.1", port=0)) as node:
+    async with await start_leader(tmp_path) as node:
         async with joined(node.own_address, ("cam0", CAM0)):
             pass
         with pytest.raises(TimeoutError):

@@ -10,7 +10,6 @@ from capture_app.common.camera_facts import CameraControls, Control, ControlStat
 from capture_app.node.leader import camera_settings
 from capture_app.node.leader.camera_settings import SETTINGS, CameraSettings
 from capture_app.node.leader.leader_node import LeaderNode
-from capture_app.node.leader.leader_options import LeaderOptions
 from capture_app.node.leader.viewfinders import Viewfinders
 from capture_app.protocol.log import Log
 from capture_app.protocol.orders import ControlsAnswer, ControlsRequest
@@ -18,6 +17,7 @@ from capture_app.session.files.durable import write_atomic
 from capture_app.trust import known_machines
 from capture_app.trust.known_machines import CameraNames
 from capture_app.trust.trust import Trust
+from tests.cheap_rig import start_leader
 from tests.unit.node.test_limits import join_many
 from tests.waiting import until
 
@@ -64,8 +64,7 @@ async def test_names_are_stored_when_a_leader_stops_and_after_an_error_of_the_di
     def fail(path: Path, data: bytes) -> None:
         raise OSError(28, "No space left on device")
 
-    options = LeaderOptions(sessions=tmp_path / "sessions", host="127.0.0.1", port=0, trust=trust)
-    async with await LeaderNode.start(options) as leader:
+    async with await start_leader(tmp_path / "sessions", trust=trust) as leader:
         with monkeypatch.context() as full:
             full.setattr(known_machines, "write_atomic", fail)
             join(leader, "cam0")

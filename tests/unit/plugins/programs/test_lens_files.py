@@ -26,7 +26,6 @@ from tests.unit.plugins.programs.known_rig import POINTS, SIZE, Array, D, lens, 
 from tests.unit.session.conftest import jpeg
 
 K1, K2, P1, P2, K3 = D
-RAYS = np.array([[0.0, 0.0], [0.4, -0.3], [-0.5, 0.35]])
 
 
 def seen(n: int, distortion: Array = D) -> Array:

@@ -9,8 +9,10 @@ import cv2
 import numpy as np
 import pytest
 
+from capture_app.common.errors import BadInputError
 from capture_app.plugins.programs.caliscope.caliscope_writer import camera_numbers
 from capture_app.session.exporting.csv_tables import paired_names
+from capture_app.session.exporting.videos import write_video
 from capture_app.session.format.export_record import FRAMES
 from capture_app.session.importing.recording import ImportOptions
 from capture_app.session.reading.reader import Session
@@ -231,3 +233,10 @@ def test_caliscope_comes_back_through_our_import(make: Make, export: Export, tmp
         assert np.array(one.rotation) == pytest.approx(np.array(truth.rotation), abs=1e-12)
         assert one.translation == pytest.approx(truth.translation)
     assert len(back.manifest.images) == len(session.manifest.images)
+
+
+def test_two_frames_of_one_microsecond_are_refused(tmp_path: Path) -> None:
+    """A player would show one of them."""
+    pictures = [(0, np.zeros((12, 16, 3), np.uint8)), (400, np.zeros((12, 16, 3), np.uint8))]
+    with pytest.raises(BadInputError, match="within the same microsecond, 0"):
+        write_video(tmp_path / "left.mp4", pictures, (16, 12), PERIOD_NS)

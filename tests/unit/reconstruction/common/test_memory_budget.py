@@ -1,5 +1,6 @@
 """The memory budget: what takes more is made smaller, and said; and pairs that cannot be rectified."""
 
+import ctypes
 import json
 import os
 import resource
@@ -22,6 +23,7 @@ from reconstruction.common.memory import (
     limited_memory,
     memory_budget,
     parse_size,
+    usable_cores,
 )
 from reconstruction.common.worker_pool import max_workers, worker_count
 from reconstruction.methods.stereo.stereo_pair import StereoPair, rectify
@@ -147,3 +149,26 @@ def test_threads_side_by_side_keep_to_the_budget_together() -> None:
         assert len(list(pool.map(meet, range(8)))) == 8
         assert len(list(pool.map(work, [0.6, 3.0] * 20))) == 40
     assert most == [1]
+
+
+SHARING = """
+import ctypes, threading
+from reconstruction.common.memory import share_heaps
+share_heaps()
+libc, together = ctypes.CDLL(None), threading.Barrier(9)
+libc.malloc.restype = libc.fopen.restype = ctypes.c_void_p
+def work():
+    libc.malloc(1000), together.wait(), together.wait()
+for _ in range(8):
+    threading.Thread(target=work).start()
+together.wait()
+out = ctypes.c_void_p(libc.fopen(b"/dev/stdout", b"w"))
+libc.malloc_info(0, out), libc.fclose(out)
+together.wait()
+"""
+
+
+@pytest.mark.skipif(not hasattr(ctypes.CDLL(None), "malloc_info"), reason="not glibc")
+def test_threads_share_a_heap_a_core() -> None:
+    said = subprocess.run([sys.executable, "-c", SHARING], capture_output=True, text=True, check=True).stdout
+    assert 1 <= said.count("<heap ") <= len(usable_cores())

@@ -7,8 +7,8 @@ import pytest
 from reconstruction.common.geometry import Array
 from reconstruction.depth.calibrated_image import CalibratedImage, SourceView
 from reconstruction.depth.plane_sweep import move_edges
-from reconstruction.depth.sweep_engine import CPU
-from tests.unit.reconstruction.depth.array_engine import aggregate_costs, cheapest_depths, combine_likeness
+from reconstruction.depth.sweep_kernels import fit_planes
+from tests.unit.reconstruction.depth.array_sweep import aggregate_costs, cheapest_depths, combine_likeness
 from tests.unit.reconstruction.depth.small_views import FOCAL, HEIGHT, PAINT, WIDTH, photo_of, view_at
 
 
@@ -72,7 +72,7 @@ def test_planes_are_fitted_on_each_side_of_an_edge() -> None:
     ys, xs = np.mgrid[0:40, 0:60].astype(np.float32)
     truth = np.where(xs < 30, 0.3 + 0.001 * xs - 0.0004 * ys, 0.6 - 0.0005 * xs).astype(np.float32)
     noisy = truth + np.random.default_rng(0).normal(0, 0.002, truth.shape).astype(np.float32)
-    level, right, down = CPU.fit_planes(noisy, 0.02, radius=2, stride=2, rounds=3)
+    level, right, down = fit_planes(noisy, 0.02, radius=2, stride=2, rounds=3)
     assert np.abs(level - truth).mean() < 0.4 * np.abs(noisy - truth).mean()
     assert np.median(right[:, :25]) == pytest.approx(0.001, abs=2e-4)
     assert np.median(down[:, :25]) == pytest.approx(-0.0004, abs=2e-4)

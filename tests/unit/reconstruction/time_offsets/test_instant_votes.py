@@ -7,7 +7,7 @@ import pytest
 
 from reconstruction.method.timing import Timing, judge_timing, with_curve_peak
 from reconstruction.time_offsets.crossings import Crossings, fit_offset
-from reconstruction.time_offsets.instant_votes import Change, Step
+from reconstruction.time_offsets.instant_votes import Change, Step, count_votes, find_change
 from tests.unit.reconstruction.test_timing import timing_sentences
 from tests.unit.reconstruction.time_offsets.test_offset_fit import NOTHING_STILL, PERIOD_MS, crossings
 
@@ -117,3 +117,22 @@ def test_changes_of_pairs_add_up() -> None:
     )
     assert one.followed_by(other).steps == (Step(20, 1, 20, 20),)
     assert not one.followed_by(one.reversed())
+
+
+def test_a_frame_period_of_a_year_takes_no_more_memory() -> None:
+    found = take()
+    votes = count_votes(
+        found.instant, found.offset_ms, np.ones(len(found.instant)), np.ones(len(found.instant))
+    )
+    assert not find_change(votes, period_ms=3e10)
+
+
+def test_an_instant_at_which_motion_turns_does_not_disagree() -> None:
+    """There, points cross their lines slowly at the common offset, and fast where they come back."""
+    found = take()
+    first = found.instant == 0
+    back = replace(found, offset_ms=np.where(first, found.offset_ms - 2 * PERIOD_MS, found.offset_ms))
+    assert judged(back).disagreeing == (0,)
+    slow = found.only(first)
+    slow = replace(slow, across_px_per_ms=np.full(len(slow.counts), 0.8 / PERIOD_MS))
+    assert judged(Crossings.join([back, slow])).disagreeing == ()

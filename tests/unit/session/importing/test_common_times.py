@@ -8,7 +8,9 @@ import pytest
 
 from capture_app.cli import run
 from capture_app.common.errors import ExitCode
-from capture_app.session.format.common_times import NOT_SYNCHRONIZED, TimesState
+from capture_app.session.alignment.alignment_method import AlignmentMethod
+from capture_app.session.format.common_times import NOT_SYNCHRONIZED, CameraTimes, TimesState
+from capture_app.session.importing.aligning import _most_accurate
 from capture_app.session.library.listing import read_card
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verdict import judge
@@ -129,3 +131,23 @@ def test_a_comparison_is_next_only_where_frames_are_as_far_apart_as_it_needs(
     command = ["sessions", "import", str(tmp_path / "rec"), "--out", str(tmp_path), "--name", "s"]
     assert run([*command, "--synchronized", "--fit", "scale"]) == ExitCode.OK
     assert f" {step} " in capsys.readouterr().err.splitlines()[-1]
+
+
+def method(doubt: str) -> AlignmentMethod[object]:
+    return AlignmentMethod(
+        priority=0,
+        of_video_times=False,
+        read=lambda path, first_s: None,
+        match=lambda reference, camera, sound_error_s: CameraTimes(),
+        doubt=lambda times: doubt,
+    )
+
+
+@pytest.mark.parametrize(("doubts", "offset_ns"), [(True, 5), (False, 10**9)])
+def test_a_result_in_doubt_contradicts_none_that_proves_itself(*, doubts: bool, offset_ns: int) -> None:
+    """Sound is trusted more than flashes, but not where it fits at several places."""
+    sound = CameraTimes(offset_ns=10**9, uncertainty_ns=1)
+    flash = CameraTimes(offset_ns=5, uncertainty_ns=100)
+    measured = {"sound": lambda first, second: sound, "flash": lambda first, second: flash}
+    methods = {"sound": method("an echo" * doubts), "flash": method("")}
+    assert _most_accurate("left", "right", measured, methods, trusting=False).offset_ns == offset_ns

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from capture_app.common.errors import BadInputError
-from capture_app.session.importing.found import describe_unused
+from capture_app.session.importing.found import describe_unused, find_calibration
 from capture_app.session.importing.importer import image_cameras
 from capture_app.session.importing.recording import ImportOptions, import_found
 from capture_app.session.importing.recording_sources import folders_below
@@ -76,3 +76,19 @@ def test_links_in_a_circle_end(tmp_path: Path) -> None:
     (tmp_path / "a" / "again").symlink_to(tmp_path)
     (tmp_path / "a" / "itself").symlink_to(tmp_path / "a" / "itself")
     assert list(folders_below(tmp_path)) == [tmp_path, tmp_path / "a"]
+
+
+def test_a_calibration_lies_beside_or_in_a_folder_that_says_so(tmp_path: Path) -> None:
+    for folder in ("calibration", "photos"):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "rig_config.json").touch()
+    assert find_calibration(tmp_path / "photos") == tmp_path / "photos/rig_config.json"
+    assert find_calibration(tmp_path) == tmp_path / "calibration/rig_config.json"
+    (tmp_path / "calibration/cam0-camchain.yaml").touch()
+    (tmp_path / "calibration/rig_config.json").unlink()
+    assert find_calibration(tmp_path) == tmp_path / "calibration/cam0-camchain.yaml"
+    (tmp_path / "rig_config.json").touch()
+    assert find_calibration(tmp_path) == tmp_path / "rig_config.json"
+    (tmp_path / "rig_config.json").unlink()
+    (tmp_path / "calibration").rename(tmp_path / "pictures")
+    assert find_calibration(tmp_path) is None

@@ -4,7 +4,13 @@ from pathlib import Path
 
 import pytest
 
-from capture_app.session.importing.frame_matching import describe_times, find_extra_steps
+from capture_app.common.errors import BadInputError
+from capture_app.session.importing.frame_matching import (
+    TimedFrame,
+    check_order,
+    describe_times,
+    find_extra_steps,
+)
 from capture_app.session.importing.recording import ImportOptions
 from tests.imported import import_one
 from tests.unit.session.importing.numbered_video import write_video
@@ -68,3 +74,10 @@ def test_import_reports_a_dropped_frame(tmp_path: Path, synchronized: bool) -> N
     assert line.startswith(f"right: {DROPPED}")
     # Numbers do not know that frame 5 is gone, times do.
     assert line.endswith("take --times video") == synchronized
+
+
+def test_two_frames_of_one_time_are_out_of_order() -> None:
+    frames = [TimedFrame(number, at_ns) for number, at_ns in enumerate((0, 5, 5))]
+    check_order("left.csv", frames[:2])
+    with pytest.raises(BadInputError, match="frame 2 is at the same time as frame 1"):
+        check_order("left.csv", frames)

@@ -4,9 +4,9 @@ import random
 
 import pytest
 
+from benchmarks.simulated.link_spells import LAWS
 from capture_app.sync.clock.clock_filter import ClockFilter, ClockSample
 from capture_app.sync.clock.gap_watch import WATCHED_NS, Cause, GapWatch, LineGap, cause_of
-from tests.unit.benchmarks.simulated.link_spells import LAWS
 
 MS, S = 10**6, 10**9
 BEFORE = LineGap(10 * S, 1_000_000.0, 10_000.0)

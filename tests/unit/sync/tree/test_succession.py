@@ -10,6 +10,7 @@ from capture_app.sync.rig.burst_orders import BurstOrder
 from capture_app.sync.rig.client import Client, ClientConfig
 from capture_app.sync.rig.frame_selection import Burst
 from capture_app.sync.sync_engine import Address
+from capture_app.sync.tree.succession import Succession
 from tests.unit.sync.tree.relay_rig import CAMERA, Camera, copy_of
 
 S = 1_000_000_000
@@ -180,3 +181,15 @@ def test_without_a_synchronized_clock_it_leads_in_its_own_time() -> None:
     assert rig.machines["b"].succession.continued is None
     rig.until(rig.all_ready)
     rig.check_burst("b")
+
+
+def test_one_that_was_suspended_does_not_lead_on() -> None:
+    """Its members have left, and may follow another leader by now."""
+    one, now_ns = Succession("a", 1, (("b", 0),), 0, random.Random(1)), 0
+    while not one.leads:
+        assert now_ns < 60 * S
+        one.handle_timer(now_ns := now_ns + S // 4)
+    one.handle_timer(now_ns + S // 4)
+    assert one.leads
+    one.handle_timer(now_ns + 60 * S)
+    assert not one.leads

@@ -18,7 +18,7 @@ from capture_app.tui.question import Question
 from capture_app.tui.rig.camera_screen import CameraScreen
 from capture_app.tui.screen_settings import Settings
 from tests.project import ROOT
-from tests.unit.tui.driving import make_app, screen_of, settle, text, toasts, until
+from tests.unit.tui.driving import make_app, running, screen_of, settle, text, toasts, until
 from tests.unit.tui.fake_rig import FakeRig, make_node
 
 
@@ -31,8 +31,7 @@ def own_rig(cameras: int = 2) -> FakeRig:
 
 async def test_help_lists_the_keys_of_where_it_is_asked_for() -> None:
     app = make_app(FakeRig(5))
-    async with app.run_test(size=(80, 24)) as pilot:
-        await settle(pilot)
+    async with running(app) as pilot:
         await pilot.press("question_mark")
         await settle(pilot)
         shown = text(app, "#help-keys")
@@ -52,8 +51,7 @@ async def test_help_lists_the_keys_of_where_it_is_asked_for() -> None:
 
 async def test_the_palette_does_what_a_key_does() -> None:
     app = make_app(FakeRig(5))
-    async with app.run_test(size=(80, 24)) as pilot:
-        await settle(pilot)
+    async with running(app) as pilot:
         await pilot.press("ctrl+p")
         palette = screen_of(app, CommandPalette)
         await pilot.press(*"add cameras")
@@ -69,8 +67,7 @@ async def test_the_palette_does_what_a_key_does() -> None:
 
 async def test_the_palette_knows_the_actions_of_all_modes() -> None:
     app = make_app(FakeRig(5))
-    async with app.run_test(size=(80, 24)) as pilot:
-        await settle(pilot)
+    async with running(app) as pilot:
         offered = {command.title: command for command in app.get_system_commands(app.screen)}
         for word, where in (("calib", "in Sessions, key A"), ("delete it", "in Sessions, key del")):
             (found,) = [command for title, command in offered.items() if word in title]
@@ -84,8 +81,7 @@ async def test_the_palette_knows_the_actions_of_all_modes() -> None:
 
 async def test_the_key_of_a_mode_shows_the_mode_and_not_what_was_open_in_it() -> None:
     app = make_app(FakeRig(3))
-    async with app.run_test(size=(100, 30)) as pilot:
-        await settle(pilot)
+    async with running(app, 100, 30) as pilot:
         await pilot.press("enter")
         await settle(pilot)
         assert isinstance(app.screen, CameraScreen)
@@ -100,8 +96,7 @@ async def test_a_recording_under_way_is_spoken_of_as_one() -> None:
     status = BurstStatus(burst=1, name="walk", cameras=2, instants=5, received=3, expected=10, recording=True)
     rig.burst_status = status
     app = make_app(rig)
-    async with app.run_test(size=(80, 24)) as pilot:
-        await settle(pilot)
+    async with running(app) as pilot:
         await pilot.press("q")
         await settle(pilot)
         said = " ".join(str(app.screen.query_one(".question").render()).split())
@@ -168,8 +163,7 @@ async def test_keys_are_changed_in_a_file_that_help_writes(tmp_path: Path) -> No
 async def test_a_rig_of_this_machine_is_left_or_stopped_as_the_user_says(key: str, stopped: bool) -> None:
     rig = own_rig()
     app = make_app(rig)
-    async with app.run_test(size=(80, 24)) as pilot:
-        await settle(pilot)
+    async with running(app) as pilot:
         await pilot.press("q")
         await settle(pilot)
         assert isinstance(app.screen, Question)
@@ -204,8 +198,7 @@ async def test_a_rig_that_takes_its_time_to_stop_is_said_to_be_stopping(
 
 
 async def leaves_at_once(app: SimulshotApp) -> bool:
-    async with app.run_test(size=(80, 24)) as pilot:
-        await settle(pilot)
+    async with running(app) as pilot:
         await pilot.press("q")
         await settle(pilot)
         return not isinstance(app.screen, Question)
@@ -226,8 +219,7 @@ async def test_a_burst_under_way_is_spoken_of_and_a_rig_that_will_not_stop_too()
     rig = own_rig()
     rig.burst_status = BurstStatus(burst=1, name="burst-001", cameras=2, instants=5, received=3, expected=10)
     app = make_app(rig)
-    async with app.run_test(size=(80, 24)) as pilot:
-        await settle(pilot)
+    async with running(app) as pilot:
         await pilot.press("q")
         await settle(pilot)
         assert "burst-001 is being saved" in str(app.screen.query_one(".question").render())
@@ -241,8 +233,7 @@ async def test_a_burst_under_way_is_spoken_of_and_a_rig_that_will_not_stop_too()
 async def test_leaving_twice_needs_no_answer() -> None:
     rig = own_rig()
     app = make_app(rig)
-    async with app.run_test(size=(80, 24)) as pilot:
-        await settle(pilot)
+    async with running(app) as pilot:
         await pilot.press("ctrl+q")
         await settle(pilot)
         await pilot.press("ctrl+q")

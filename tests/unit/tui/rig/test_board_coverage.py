@@ -3,15 +3,14 @@
 import cv2
 
 from capture_app.board.boards import DEFAULT_BOARD
-from tests.unit.tui.driving import lines, make_app, settle, text, until
+from tests.unit.tui.driving import lines, make_app, running, text, until
 from tests.unit.tui.fake_rig import FakeRig
 
 
 async def test_each_new_view_of_the_board_is_counted_at_once() -> None:
     rig = FakeRig(2)
     app = make_app(rig)
-    async with app.run_test(size=(80, 24)) as pilot:
-        await settle(pilot)
+    async with running(app) as pilot:
         await pilot.press("K")
         await until(pilot, lambda: "cam01        0 views" in text(app, "#coverage-words"))
         assert max(map(len, lines(app, "#coverage-words"))) <= 74

@@ -10,7 +10,7 @@ from capture_app.common.errors import NetworkError
 from capture_app.protocol.status import LogLine, NodeDetail
 from capture_app.tui.rig.camera_screen import CameraScreen
 from capture_app.tui.widgets.plots import histogram_rows, histogram_title, wedge_rows, wedge_title
-from tests.unit.tui.driving import make_app, screen_of, settle, text, toasts
+from tests.unit.tui.driving import make_app, running, screen_of, settle, text, toasts
 from tests.unit.tui.fake_rig import UNIX_NS, FakeRig
 
 SAMPLES = tuple((5_000_000 + (n * 7919 % 41 - 20) * n, 120_000 + 100 * n) for n in range(100))
@@ -31,8 +31,7 @@ async def test_enter_opens_a_camera_and_escape_leads_back(utc: None) -> None:
     rig = FakeRig(5)
     rig.details["cam00"] = DETAIL
     app = make_app(rig)
-    async with app.run_test(size=(80, 24)) as pilot:
-        await settle(pilot)
+    async with running(app) as pilot:
         await pilot.press("enter")
         await settle(pilot)
         screen = screen_of(app, CameraScreen)
@@ -74,8 +73,7 @@ async def test_a_camera_that_does_not_answer_says_so_and_one_that_left_too() -> 
     rig = FakeRig(5)
     rig.detail_failure = NetworkError("[b]cam00 does not answer")
     app = make_app(rig)
-    async with app.run_test(size=(80, 24)) as pilot:
-        await settle(pilot)
+    async with running(app) as pilot:
         await pilot.press("enter")
         await settle(pilot)
         assert text(app, "#camera-log Lines") == "[b]cam00 does not answer"

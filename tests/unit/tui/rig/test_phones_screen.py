@@ -1,15 +1,14 @@
 """Phones by a QR code: the code of the next one beside what to do, and the error where there is none."""
 
 from capture_app.common.errors import NetworkError
-from tests.unit.tui.driving import lines, make_app, settle, text, until
+from tests.unit.tui.driving import lines, make_app, running, text, until
 from tests.unit.tui.fake_rig import FakeRig
 
 
 async def test_the_code_and_the_steps_fit_and_the_next_phone_gets_another() -> None:
     rig = FakeRig(5)
     app = make_app(rig)
-    async with app.run_test(size=(80, 24)) as pilot:
-        await settle(pilot)
+    async with running(app) as pilot:
         await pilot.press("h")
         await until(pilot, lambda: app.screen.id == "phones-guide" and lines(app, "#phones-code"))
         code, words = lines(app, "#phones-code"), text(app, "#phones-words")
@@ -27,8 +26,7 @@ async def test_the_code_and_the_steps_fit_and_the_next_phone_gets_another() -> N
 async def test_the_start_offers_phones_and_says_why_there_are_none() -> None:
     rig = FakeRig()
     app = make_app(rig)
-    async with app.run_test(size=(80, 24)) as pilot:
-        await settle(pilot)
+    async with running(app) as pilot:
         rig.phones_failure = NetworkError("cannot listen on 0.0.0.0:47011")
         await pilot.press("h")
         await until(pilot, lambda: app.screen.id == "phones-guide")

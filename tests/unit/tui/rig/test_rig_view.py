@@ -12,7 +12,7 @@ from capture_app.protocol.pairing_messages import Invite
 from capture_app.tui.rig.camera_list import CameraList, CameraRows
 from capture_app.tui.rig.guide_screens import large
 from capture_app.tui.rig_record import RigRecord
-from tests.unit.tui.driving import lines, make_app, settle, text, toasts
+from tests.unit.tui.driving import lines, make_app, running, settle, text, toasts
 from tests.unit.tui.fake_rig import FakeRig, make_node
 
 ROWS = "#cameras-rows"
@@ -36,8 +36,7 @@ async def test_every_camera_says_its_state_in_a_word_and_a_glyph(cameras: int, s
 
 async def test_five_cameras_fit_a_small_terminal_with_everything_essential() -> None:
     app = make_app(FakeRig(5))
-    async with app.run_test(size=(80, 24)) as pilot:
-        await settle(pilot)
+    async with running(app):
         assert len(lines(app, ROWS)) == 15
         assert app.screen.query_one(ROWS).max_scroll_y == 0
         shown = text(app, ROWS)
@@ -49,8 +48,7 @@ async def test_the_advice_is_above_the_list_and_a_lost_leader_is_said_there() ->
     rig = FakeRig(5)
     rig.different["advice"] = "cam02 is aligning: wait a few seconds."
     app = make_app(rig)
-    async with app.run_test(size=(80, 24)) as pilot:
-        await settle(pilot)
+    async with running(app) as pilot:
         assert text(app, "#advice").strip() == "◑ cam02 is aligning: wait a few seconds."
         rig.lose_link("192.168.1.5:47010 does not answer; trying again")
         await settle(pilot)
@@ -61,8 +59,7 @@ async def test_why_a_camera_failed_is_in_place_of_its_strip() -> None:
     rig = FakeRig(1)
     rig.nodes += (make_node("cam01", NodeState.FAILED, phase_error_ns=None, message="[b]too dark\x1b[2J"),)
     app = make_app(rig)
-    async with app.run_test(size=(80, 24)) as pilot:
-        await settle(pilot)
+    async with running(app):
         assert "[b]too dark\\x1b[2J" in text(app, ROWS)
         assert "✖ failed" in text(app, ROWS)
 
@@ -71,8 +68,7 @@ async def test_cameras_below_a_relay_are_a_tree() -> None:
     rig = FakeRig(1)
     rig.nodes += (make_node("aaa", parent="cam00", depth=2),)
     app = make_app(rig)
-    async with app.run_test(size=(80, 24)) as pilot:
-        await settle(pilot)
+    async with running(app):
         first, second = (line for line in lines(app, ROWS) if "ready" in line)
         assert "cam00" in first
         assert "└ aaa" in second
@@ -80,8 +76,7 @@ async def test_cameras_below_a_relay_are_a_tree() -> None:
 
 async def test_keys_and_clicks_choose_a_camera_and_scroll_to_it() -> None:
     app = make_app(FakeRig(20))
-    async with app.run_test(size=(80, 24)) as pilot:
-        await settle(pilot)
+    async with running(app) as pilot:
         rows = app.screen.query_one(CameraRows)
 
         def chosen() -> str:
@@ -124,8 +119,7 @@ async def test_a_lost_camera_is_removed_by_a_key_and_one_elsewhere_is_not() -> N
 async def test_news_have_times_and_keep_their_words(utc: None) -> None:
     rig = FakeRig(5)
     app = make_app(rig)
-    async with app.run_test(size=(80, 24)) as pilot:
-        await settle(pilot)
+    async with running(app) as pilot:
         await pilot.press("2")  # what happens while another mode is shown is there afterwards
         rig.news("cam00 joined")
         rig.news("[red]lost cam04", level="warning")
@@ -184,8 +178,7 @@ async def test_only_what_concerns_the_list_is_offered_with_the_news_and_own_disk
     rig.nodes += (make_node("own", on_leader=True),)
     rig.different["advice"] = "cam00: " + "this sentence goes on and on " * 9
     app = make_app(rig)
-    async with app.run_test(size=(80, 24)) as pilot:
-        await settle(pilot)
+    async with running(app) as pilot:
         assert text(app, ROWS).count("34 GB free") == 1
         seen = app.export_screenshot().replace("&#160;", " ")
         assert "…" in seen, "a sentence that is cut says so"
@@ -198,8 +191,7 @@ async def test_only_what_concerns_the_list_is_offered_with_the_news_and_own_disk
 async def test_a_code_for_another_machine_is_large_wherever_one_looks_at_the_rig() -> None:
     rig = FakeRig(2)
     app = make_app(rig)
-    async with app.run_test(size=(100, 30)) as pilot:
-        await settle(pilot)
+    async with running(app, 100, 30) as pilot:
         await pilot.press("i")
         await settle(pilot)
         shown = lines(app, "#invite-words")
@@ -213,8 +205,7 @@ async def test_a_code_for_another_machine_is_large_wherever_one_looks_at_the_rig
 async def test_cameras_are_staggered_by_a_key_and_the_header_says_so() -> None:
     rig = FakeRig(2)
     app = make_app(rig)
-    async with app.run_test(size=(100, 30)) as pilot:
-        await settle(pilot)
+    async with running(app, 100, 30) as pilot:
         assert "stagger" not in text(app, "#header")
         await pilot.press("T")
         await settle(pilot)
@@ -238,8 +229,7 @@ async def test_cameras_are_staggered_by_a_key_and_the_header_says_so() -> None:
 async def test_of_a_leader_that_is_gone_one_thing_is_said() -> None:
     rig = FakeRig(2)
     app = make_app(rig)
-    async with app.run_test(size=(100, 30)) as pilot:
-        await settle(pilot)
+    async with running(app, 100, 30) as pilot:
         rig.lose_link("no leader at 192.168.1.5:47010")
         await settle(pilot)
         assert "no leader at" in text(app, "#advice")
@@ -260,8 +250,7 @@ async def test_a_leader_of_this_machine_that_is_gone_is_started_again_by_a_key(
     monkeypatch.setattr("capture_app.tui.rig.rig_view.start_rig", start)
     rig = FakeRig(cameras)
     app = make_app(rig, sessions=tmp_path)
-    async with app.run_test(size=(80, 24)) as pilot:
-        await settle(pilot)
+    async with running(app) as pilot:
         await pilot.press("l")
         await settle(pilot)
         assert not started, "nothing is lost"
@@ -295,8 +284,7 @@ async def test_cameras_of_this_machine_come_back_with_a_restarted_leader(
     specs = {"cam03": "sim:phone-a,view=cam03", "left": "v4l2:/dev/video0", "far": ""}
     rig.nodes = tuple(make_node(name, on_leader=bool(spec), spec=spec) for name, spec in specs.items())
     app = make_app(rig, sessions=tmp_path)
-    async with app.run_test(size=(80, 24)) as pilot:
-        await settle(pilot)
+    async with running(app) as pilot:
         rig.lose_link("no leader at 127.0.0.1:47010")
         await settle(pilot)
         await pilot.press("l")
@@ -310,8 +298,7 @@ async def test_the_list_says_whether_cameras_are_exposed_alike() -> None:
     rig = FakeRig(0)
     rig.nodes = (*map(make_node, ("cam0", "cam1", "cam2")), make_node("gone", NodeState.LOST, gain=9.0))
     app = make_app(rig)
-    async with app.run_test(size=(100, 30)) as pilot:
-        await settle(pilot)
+    async with running(app, 100, 30) as pilot:
         assert str(app.screen.query_one(CameraList).border_title) == "4 cameras · 1/100 s, gain 1.5"
         rig.change("cam1", exposure_ns=10_010_000)
         await settle(pilot)

@@ -1,7 +1,8 @@
 """An app on a fake rig, in the mode Shoot."""
 
 import asyncio
-from collections.abc import Awaitable, Callable
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import asynccontextmanager
 from pathlib import Path
 
 from textual.pilot import Pilot
@@ -59,6 +60,15 @@ class Studio:
     @property
     def wishes(self) -> list[tuple[object, ...]]:
         return [asked[1:] for asked in self.rig.asked if asked[0] == "want_previews"]
+
+    @asynccontextmanager
+    async def running(
+        self, width: int = 80, height: int = 24, *, notifications: bool = False
+    ) -> AsyncIterator[Pilot[None]]:
+        """Run the app in the mode Shoot, and give its pilot."""
+        async with self.app.run_test(size=(width, height), notifications=notifications) as pilot:
+            await self.enter(pilot)
+            yield pilot
 
     async def enter(self, pilot: Pilot[None]) -> None:
         await pilot.press("2")

@@ -44,8 +44,7 @@ async def test_a_lost_camera_does_not_hold_the_take_up(tmp_path: Path) -> None:
     rig = ready_rig(2)
     rig.nodes = (*rig.nodes, make_node("cam09", NodeState.LOST))
     studio = Studio(rig, tmp_path)
-    async with studio.app.run_test(size=(80, 24)) as pilot:
-        await studio.enter(pilot)
+    async with studio.running() as pilot:
         await pilot.press("space")
         await studio.settle(pilot)
         assert len(studio.requests) == 1
@@ -67,8 +66,7 @@ async def test_space_while_a_camera_settles_takes_as_soon_as_all_are_ready(tmp_p
     rig.nodes = (*rig.nodes, make_node("cam09", NodeState.LOST))
     rig.take = saves_into(tmp_path, cameras=2)
     studio = Studio(rig, tmp_path)
-    async with studio.app.run_test(size=(80, 24)) as pilot:
-        await studio.enter(pilot)
+    async with studio.running() as pilot:
         await pilot.press("space")
         await studio.settle(pilot)
         for _ in range(3):
@@ -88,8 +86,7 @@ async def test_space_again_takes_what_is_ready_at_once(tmp_path: Path) -> None:
     rig = waiting_rig()
     rig.take = saves_into(tmp_path, cameras=2)
     studio = Studio(rig, tmp_path)
-    async with studio.app.run_test(size=(80, 24)) as pilot:
-        await studio.enter(pilot)
+    async with studio.running() as pilot:
         await pilot.press("space")
         await until(pilot, lambda: line_of(studio) == WAITING)
         await pilot.press("space")
@@ -117,8 +114,7 @@ async def test_a_camera_that_corrects_a_drift_is_not_waited_for(tmp_path: Path) 
     rig.nodes = (rig.nodes[0], make_node("cam01", NodeState.ALIGNING, phase_error_ns=-110_000))
     rig.take = saves_into(tmp_path, cameras=2)
     studio = Studio(rig, tmp_path)
-    async with studio.app.run_test(size=(80, 24)) as pilot:
-        await studio.enter(pilot)
+    async with studio.running() as pilot:
         await pilot.press("space")
         await until(pilot, lambda: [take.status.name for take in studio.view.takes] == ["burst-001"])
         assert studio.requests[0].wait_ready_s == 0
@@ -127,8 +123,7 @@ async def test_a_camera_that_corrects_a_drift_is_not_waited_for(tmp_path: Path) 
 async def test_a_wait_that_is_given_up_says_why_and_one_is_cancelled_by_escape(tmp_path: Path) -> None:
     rig = waiting_rig()
     studio = Studio(rig, tmp_path)
-    async with studio.app.run_test(size=(80, 24)) as pilot:
-        await studio.enter(pilot)
+    async with studio.running() as pilot:
         await pilot.press("space")
         await until(pilot, lambda: line_of(studio) == WAITING)
         assert rig.is_ready is not None
@@ -152,8 +147,7 @@ async def test_a_wait_that_is_given_up_says_why_and_one_is_cancelled_by_escape(t
 async def test_a_take_that_failed_without_a_leader_is_forgotten_once_it_is_back(tmp_path: Path) -> None:
     rig = ready_rig(2)
     studio = Studio(rig, tmp_path)
-    async with studio.app.run_test(size=(80, 24)) as pilot:
-        await studio.enter(pilot)
+    async with studio.running() as pilot:
         rig.lose_link()
         await studio.settle(pilot)
         rig.failure = NetworkError("no leader at 127.0.0.1:47010: Connect call failed", hint="start one")
@@ -174,8 +168,7 @@ async def test_a_leader_elsewhere_has_the_session(tmp_path: Path) -> None:
 
     rig.take = take
     studio = Studio(rig, tmp_path)
-    async with studio.app.run_test(size=(120, 40)) as pilot:
-        await studio.enter(pilot)
+    async with studio.running(120, 40) as pilot:
         await pilot.press("space")
         await studio.settle(pilot)
         text = studio.view.take_panel.plain
@@ -187,8 +180,7 @@ async def test_a_leader_elsewhere_has_the_session(tmp_path: Path) -> None:
 async def test_an_order_that_fails_is_said(tmp_path: Path) -> None:
     rig = ready_rig(1)
     studio = Studio(rig, tmp_path)
-    async with studio.app.run_test(size=(80, 24), notifications=True) as pilot:
-        await studio.enter(pilot)
+    async with studio.running(notifications=True) as pilot:
         rig.failure = DiskFullError("the burst may need 90.0 MB and 1.0 MB are free", hint="make room")
         await pilot.press("space")
         await studio.settle(pilot)
@@ -209,8 +201,7 @@ async def test_a_take_that_cannot_be_read_says_why(tmp_path: Path) -> None:
 
     rig.take = take
     studio = Studio(rig, tmp_path)
-    async with studio.app.run_test(size=(80, 24)) as pilot:
-        await studio.enter(pilot)
+    async with studio.running() as pilot:
         await pilot.press("space")
         await studio.settle(pilot)
         assert "✖ the take cannot be shown" in studio.view.take_panel.plain
@@ -224,8 +215,7 @@ async def test_bursts_ahead_are_cancelled_by_a_key(tmp_path: Path) -> None:
     soon = replace_fields(later, burst=7, name="burst-007", instants=1, first_leader_ns=2 * minute_ns)
     rig.different["ahead"] = (later, soon)
     studio = Studio(rig, tmp_path)
-    async with studio.app.run_test(size=(80, 24)) as pilot:
-        await studio.enter(pilot)
+    async with studio.running() as pilot:
         await pilot.press("x")
         await studio.settle(pilot)
         buttons = [str(button.label) for button in studio.app.screen.query(Button)]
@@ -243,8 +233,7 @@ async def test_a_burst_that_is_being_saved_is_cancelled_too_and_a_refusal_is_tol
     rig = ready_rig(2)
     rig.take, rig.saves = saves_into(tmp_path, cameras=2), asyncio.Event()
     studio = Studio(rig, tmp_path)
-    async with studio.app.run_test(size=(80, 24), notifications=True) as pilot:
-        await studio.enter(pilot)
+    async with studio.running(notifications=True) as pilot:
         await pilot.press("x")
         await until(pilot, lambda: any("no burst is scheduled" in said for said in toasts(studio.app)))
         await pilot.press("space")
@@ -283,8 +272,7 @@ def test_a_recording_in_the_way_of_a_newer_take_can_be_cancelled() -> None:
 async def test_space_records_and_ends_the_recording(tmp_path: Path) -> None:
     rig = ready_rig(2)
     studio = Studio(rig, tmp_path)
-    async with studio.app.run_test(size=(120, 40)) as pilot:
-        await studio.enter(pilot)
+    async with studio.running(120, 40) as pilot:
         plan = replace(studio.view.plan_panel.settings, mode="recording", seconds=0)
         studio.view.plan_panel.change(plan)
         await pilot.press("space")
@@ -355,8 +343,7 @@ async def test_space_ends_the_recording_of_a_leader_that_numbers_anew(tmp_path: 
     recording = BurstStatus(
         burst=1, name="walk", recording=True, cameras=2, instants=41, received=80, expected=82
     )
-    async with studio.app.run_test(size=(120, 40)) as pilot:
-        await studio.enter(pilot)
+    async with studio.running(120, 40) as pilot:
         rig.burst_status = recording
         rig.tell()
         await studio.settle(pilot)
@@ -385,8 +372,7 @@ async def test_a_recording_that_others_ended_is_not_stopped_once_more(tmp_path: 
     recording = BurstStatus(
         burst=4, name="walk", recording=True, cameras=2, instants=41, received=80, expected=82
     )
-    async with studio.app.run_test(size=(120, 40)) as pilot:
-        await studio.enter(pilot)
+    async with studio.running(120, 40) as pilot:
         for said, ended in (("Space stops", False), ("; 80 of 82 frames saved", True)):
             rig.burst_status = replace_fields(recording, ended=ended)
             rig.tell()
@@ -402,8 +388,7 @@ async def test_a_series_on_motion_says_what_it_waits_for_and_is_stopped_by_the_k
     rig = ready_rig(2)
     rig.take = saves_into(tmp_path, cameras=2)
     studio = Studio(rig, tmp_path)
-    async with studio.app.run_test(size=(140, 40)) as pilot:
-        await studio.enter(pilot)
+    async with studio.running(140, 40) as pilot:
         settings = replace(studio.view.plan_panel.settings, mode="motion", takes=2, every_s=0.0)
         studio.view.plan_panel.change(settings)
         await pilot.press("space")
@@ -422,8 +407,7 @@ async def test_a_take_whose_leader_is_lost_goes_on_when_it_is_back(tmp_path: Pat
     rig = ready_rig(2)
     rig.breaks_off, rig.saves = NetworkError("the leader closed the connection"), asyncio.Event()
     studio = Studio(rig, tmp_path)
-    async with studio.app.run_test(size=(120, 40)) as pilot:
-        await studio.enter(pilot)
+    async with studio.running(120, 40) as pilot:
         await pilot.press("space")
         await studio.settle(pilot)
         rig.saves.set()
@@ -448,8 +432,7 @@ async def test_a_saved_take_whose_images_arrive_at_last_is_shown_as_it_is_now(tm
         burst=1, name="burst-001", cameras=2, instants=2, received=2, expected=4, done=True, session=path,
         message="2 images missing (cam02: it sent nothing)", transfer=(parts["cam01"], away),
     )  # fmt: skip
-    async with studio.app.run_test(size=(120, 40)) as pilot:
-        await studio.enter(pilot)
+    async with studio.running(120, 40) as pilot:
 
         async def shows(status: BurstStatus, *texts: str) -> None:
             rig.burst_status = status
@@ -489,8 +472,7 @@ async def test_arriving_images_neither_lay_out_nor_redraw_what_has_not_changed(
         redrawn.append((self, layout))
         return refresh(self, *regions, layout=layout, **more)
 
-    async with studio.app.run_test(size=(120, 40)) as pilot:
-        await studio.enter(pilot)
+    async with studio.running(120, 40) as pilot:
         for received in range(1, 9):
             if received == 2:
                 await studio.settle(pilot)
@@ -507,8 +489,7 @@ async def test_a_take_that_a_newer_one_replaced_is_done_when_its_session_is_save
     rig = ready_rig(2)
     studio = Studio(rig, tmp_path)
     saving = BurstStatus(burst=1, name="burst-001", cameras=2, instants=3, received=0, expected=6)
-    async with studio.app.run_test(size=(120, 40)) as pilot:
-        await studio.enter(pilot)
+    async with studio.running(120, 40) as pilot:
         rig.burst_status = saving
         rig.tell()
         await until(pilot, lambda: "burst-001\n◔ taken; cameras are saving" in studio.view.take_panel.plain)

@@ -76,8 +76,7 @@ class LiveStudio(Studio):
 
 async def test_pictures_of_an_instant_are_shown_together(tmp_path: Path) -> None:
     studio = LiveStudio(2, tmp_path)
-    async with studio.app.run_test(size=(120, 40)) as pilot:
-        await studio.enter(pilot)
+    async with studio.running(120, 40) as pilot:
         studio.show("cam00")
         await studio.settle(pilot)
         assert [tile.picture.cells for tile in studio.tiles] == [None, None], "the other one is on its way"
@@ -88,8 +87,7 @@ async def test_pictures_of_an_instant_are_shown_together(tmp_path: Path) -> None
 
 async def test_pictures_that_no_longer_come_are_not_live(tmp_path: Path) -> None:
     studio = LiveStudio(2, tmp_path)
-    async with studio.app.run_test(size=(120, 40)) as pilot:
-        await studio.enter(pilot)
+    async with studio.running(120, 40) as pilot:
         await studio.show_all(pilot)
         studio.pass_time(90.0)
         await until(pilot, lambda: studio.title == "Not live · pictures of 90 s ago")
@@ -101,8 +99,7 @@ async def test_pictures_that_no_longer_come_are_not_live(tmp_path: Path) -> None
 
 async def test_pictures_are_dimmed_after_a_second_and_while_a_take_is_saved_after_two(tmp_path: Path) -> None:
     studio = LiveStudio(2, tmp_path)
-    async with studio.app.run_test(size=(120, 40)) as pilot:
-        await studio.enter(pilot)
+    async with studio.running(120, 40) as pilot:
         await studio.show_all(pilot)
         studio.pass_time(1.5)
         await until(pilot, lambda: all(tile.picture.is_faded for tile in studio.tiles))
@@ -117,8 +114,7 @@ async def test_pictures_are_dimmed_after_a_second_and_while_a_take_is_saved_afte
 
 async def test_a_camera_that_is_behind_says_so_beside_the_live_ones(tmp_path: Path) -> None:
     studio = LiveStudio(3, tmp_path)
-    async with studio.app.run_test(size=(160, 40)) as pilot:
-        await studio.enter(pilot)
+    async with studio.running(160, 40) as pilot:
         await studio.show_all(pilot)
         studio.pass_time(0.4)
         studio.show("cam00", 80)
@@ -131,8 +127,7 @@ async def test_a_camera_that_is_behind_says_so_beside_the_live_ones(tmp_path: Pa
 
 async def test_a_lost_camera_is_grey(tmp_path: Path) -> None:
     studio = LiveStudio(2, tmp_path)
-    async with studio.app.run_test(size=(120, 40)) as pilot:
-        await studio.enter(pilot)
+    async with studio.running(120, 40) as pilot:
         await studio.show_all(pilot)
         studio.rig.change("cam01", state=NodeState.LOST)
         await until(pilot, lambda: studio.tiles[1].picture.is_grey)
@@ -150,8 +145,7 @@ async def test_a_title_that_changes_draws_no_picture_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     studio = LiveStudio(2, tmp_path)
-    async with studio.app.run_test(size=(120, 40)) as pilot:
-        await studio.enter(pilot)
+    async with studio.running(120, 40) as pilot:
         await studio.show_all(pilot)
         await studio.settle(pilot)
         spans: list[tuple[int, int, int]] = []
@@ -178,8 +172,7 @@ async def test_pictures_that_were_drawn_before_a_resize_are_drawn_again(
         return cells
 
     monkeypatch.setattr("capture_app.tui.shoot.preview_grid.draw_for", draw_late)
-    async with studio.app.run_test(size=(160, 40)) as pilot:
-        await studio.enter(pilot)
+    async with studio.running(160, 40) as pilot:
         studio.show("cam00", completes=True)
         await pilot.pause()
         await pilot.resize_terminal(110, 40)

@@ -20,8 +20,7 @@ async def test_space_takes_as_planned_and_the_sheet_is_there_at_once(tmp_path: P
     rig = ready_rig(3)
     rig.take = saves_into(tmp_path)
     studio = Studio(rig, tmp_path)
-    async with studio.app.run_test(size=(120, 40)) as pilot:
-        await studio.enter(pilot)
+    async with studio.running(120, 40) as pilot:
         assert "No take yet: press Space." in studio.view.take_panel.plain
         await pilot.press("right_square_bracket", "right_curly_bracket", "right_curly_bracket", "space")
         await studio.settle(pilot)
@@ -42,8 +41,7 @@ async def test_space_takes_as_planned_and_the_sheet_is_there_at_once(tmp_path: P
 
 async def test_a_bad_name_is_not_taken(tmp_path: Path) -> None:
     studio = Studio(ready_rig(1), tmp_path)
-    async with studio.app.run_test(size=(80, 24)) as pilot:
-        await studio.enter(pilot)
+    async with studio.running() as pilot:
         await pilot.press("n", *"../x", "enter")
         await pilot.pause()
         assert "letters, digits" in str(studio.app.screen.query_one(".wrong", Static).content)
@@ -68,8 +66,7 @@ async def test_a_recording_is_found_by_its_name_and_taken(tmp_path: Path) -> Non
 
 async def test_the_plan_is_changed_with_arrows(tmp_path: Path) -> None:
     studio = Studio(ready_rig(1), tmp_path)
-    async with studio.app.run_test(size=(80, 24)) as pilot:
-        await studio.enter(pilot)
+    async with studio.running() as pilot:
         await pilot.press("left", "down", "right", "down", "right", "down", "right")
         plan = studio.view.plan_panel.settings
         assert (plan.before, plan.after, plan.countdown_s, plan.mode) == (2, 6, 3, "interval")
@@ -85,8 +82,7 @@ async def test_the_plan_is_changed_with_arrows(tmp_path: Path) -> None:
 
 async def test_a_countdown_is_seen_from_afar_and_can_be_stopped(tmp_path: Path) -> None:
     studio = Studio(ready_rig(1), tmp_path, Settings(choices={"shoot.countdown_s": COUNTDOWN_S}))
-    async with studio.app.run_test(size=(80, 24)) as pilot:
-        await studio.enter(pilot)
+    async with studio.running() as pilot:
         await pilot.press("space")
         await until(pilot, lambda: studio.view.stage.current == "countdown")
         assert COUNTDOWN_S - 600 < int(studio.view.query_one(Digits).value) <= COUNTDOWN_S
@@ -97,8 +93,7 @@ async def test_a_countdown_is_seen_from_afar_and_can_be_stopped(tmp_path: Path) 
 
 async def test_the_screen_may_be_left_during_a_countdown(tmp_path: Path) -> None:
     studio = Studio(ready_rig(1), tmp_path, Settings(choices={"shoot.countdown_s": COUNTDOWN_S}))
-    async with studio.app.run_test(size=(80, 24)) as pilot:
-        await studio.enter(pilot)
+    async with studio.running() as pilot:
         await pilot.press("space")
         await until(pilot, lambda: studio.view.stage.current == "countdown")
     assert studio.requests == []
@@ -108,8 +103,7 @@ async def test_a_sequence_takes_one_after_the_other(tmp_path: Path) -> None:
     rig = ready_rig(3)
     rig.take = saves_into(tmp_path)
     studio = Studio(rig, tmp_path, Settings(choices={"shoot.mode": "sequence", "shoot.takes": 3}))
-    async with studio.app.run_test(size=(120, 40)) as pilot:
-        await studio.enter(pilot)
+    async with studio.running(120, 40) as pilot:
         await pilot.press("space")
         while len(studio.requests) < 3:
             await pilot.pause(0.01)
@@ -127,8 +121,7 @@ async def test_a_take_from_before_is_shown_but_not_over_what_is_live(tmp_path: P
     async for _ in rig.burst(BurstRequest(frames=2, name="before")):
         pass
     studio = Studio(rig, tmp_path)
-    async with studio.app.run_test(size=(120, 40)) as pilot:
-        await studio.enter(pilot)
+    async with studio.running(120, 40) as pilot:
         assert studio.view.take_panel.plain.startswith("before-001\n● excellent")
         assert not studio.view.stage.is_sheet
         await pilot.press("v")
@@ -151,8 +144,7 @@ def test_it_looks_as_it_did_without_colours(snap_compare: Any, tmp_path: Path) -
 async def test_m_marks_the_take_under_way(tmp_path: Path) -> None:
     rig = ready_rig(2)
     studio = Studio(rig, tmp_path)
-    async with studio.app.run_test(size=(120, 40)) as pilot:
-        await studio.enter(pilot)
+    async with studio.running(120, 40) as pilot:
         await pilot.press("m")
         await studio.settle(pilot)
         assert ("mark", "mark") in rig.asked
@@ -161,8 +153,7 @@ async def test_m_marks_the_take_under_way(tmp_path: Path) -> None:
 
 async def test_a_line_that_is_too_long_goes_on_below(tmp_path: Path) -> None:
     studio = Studio(ready_rig(2), tmp_path)
-    async with studio.app.run_test(size=(80, 24)) as pilot:
-        await studio.enter(pilot)
+    async with studio.running() as pilot:
         studio.view._failure = "cam03 has not answered for 12 s; " * 4 + "start it again with a key"
         studio.view._show_course()
         await studio.settle(pilot)

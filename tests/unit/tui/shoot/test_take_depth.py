@@ -59,8 +59,7 @@ def studio(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Studio:
 
 async def test_the_depth_of_two_cameras_is_shown_before_that_of_all(studio: Studio, tmp_path: Path) -> None:
     (tmp_path / "how").write_text("pair")
-    async with studio.app.run_test(size=(120, 50)) as pilot:
-        await studio.enter(pilot)
+    async with studio.running(120, 50) as pilot:
         await pilot.press("space")
         depth = studio.view.take_panel.query_one("#takes-depth")
         await until(pilot, lambda: depth.display)
@@ -79,8 +78,7 @@ async def test_depth_is_not_made_where_it_is_not_wanted(tmp_path: Path) -> None:
     rig = ready_rig(3)
     rig.take = saves_into(tmp_path)
     studio = Studio(rig, tmp_path)
-    async with studio.app.run_test(size=(120, 50)) as pilot:
-        await studio.enter(pilot)
+    async with studio.running(120, 50) as pilot:
         await pilot.press("space")
         await until(pilot, lambda: studio.view.takes and studio.view.takes[-1].sheet is not None)
         await studio.settle(pilot)
@@ -94,8 +92,7 @@ async def test_a_machine_that_has_not_the_power_makes_none_by_itself_and_says_so
     """One that others keep busy has it: what counts is how long its own processors would work."""
     before = Run(kind=MOMENT.name, session=tmp_path / "before", state=RunState.DONE)
     before.seconds, before.processor_s = waited_s, worked_s
-    async with studio.app.run_test(size=(120, 50)) as pilot:
-        await studio.enter(pilot)
+    async with studio.running(120, 50) as pilot:
         await until(pilot, lambda: not any(one.group == "jobs" for one in studio.app.workers))
         studio.app.runs.all.append(before)
         await pilot.press("space")

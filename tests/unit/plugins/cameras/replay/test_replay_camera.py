@@ -17,6 +17,7 @@ from capture_app.common.clock import HostClock, SimulatedClock
 from capture_app.common.errors import BadInputError, CameraError
 from capture_app.machine.cameras import list_cameras
 from capture_app.session.format.manifest import BurstRecord
+from capture_app.session.reading import decoding
 from capture_app.session.reading.reader import Session
 from capture_app.session.writing.session_writer import SessionWriter
 from capture_app.sync.wire.camera_commands import InjectFrame, RestartStream, SetFrameDuration
@@ -149,6 +150,23 @@ async def test_a_video_plays_at_its_own_rate(tmp_path: Path) -> None:
     }
     slow = open_camera(f"replay:{path},fps=4", clock=HostClock(), name="cam0")
     assert slow.facts.period_ns == 250_000_000
+
+
+def test_a_folder_s_jpegs_are_handed_over_as_they_are(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each was decoded to see whether it is an image: 8 to 19 ms at 1080p, too much for a rig."""
+    images = [jpeg(number, 64, 48) for number in range(4)]
+    (tmp_path / "cam").mkdir()
+    for number, data in enumerate((*images[:2], images[2][:-200], images[3])):
+        (tmp_path / f"cam/{number}.jpg").write_bytes(data)
+    camera = open_camera(f"replay:{tmp_path},fps=100", clock=HostClock(), name="cam")
+    recording = camera._recording  # type: ignore[attr-defined]
+    monkeypatch.setattr(decoding, "decode_image", None)
+    pictures = [recording.picture(index) for index in range(4)]
+    assert pictures[2] is None, "a broken one is a dropped frame, as of a session"
+    del images[2], pictures[2]
+    assert [picture.encode() for picture in pictures] == images
 
 
 async def test_a_picture_that_is_gone_ends_the_stream_in_words(session: Session) -> None:

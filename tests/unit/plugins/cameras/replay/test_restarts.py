@@ -1,9 +1,11 @@
-"""A recorded folder as a camera that is restarted while a thread still reads its last picture."""
+"""A recorded video as a camera that is restarted while a thread still reads its last picture."""
 
 import threading
 from collections.abc import Iterator
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
 
 from capture_app.cameras.frames import CapturedFrame
@@ -11,16 +13,16 @@ from capture_app.cameras.specs import open_camera
 from capture_app.common.clock import HostClock
 from capture_app.plugins.cameras.replay.recordings import SourceRecording
 from capture_app.sync.wire.camera_commands import RestartStream
-from tests.unit.session.conftest import jpeg
 from tests.waiting import until
 
 
 async def test_a_restart_during_a_read_plays_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Its node stayed "aligning ... measuring after 1 correction": the stream had ended without a word."""
-    (tmp_path / "cam").mkdir()
+    video = cv2.VideoWriter(str(tmp_path / "cam.avi"), cv2.VideoWriter.fourcc(*"MJPG"), 100.0, (64, 48))
     for number in range(4):
-        (tmp_path / f"cam/{number}.jpg").write_bytes(jpeg(number, 64, 48))
-    camera = open_camera(f"replay:{tmp_path},fps=100", clock=HostClock(), name="cam")
+        video.write(np.full((48, 64, 3), 50 * number, np.uint8))
+    video.release()
+    camera = open_camera(f"replay:{tmp_path}/cam.avi", clock=HostClock(), name="cam")
     recording = camera._recording  # type: ignore[attr-defined]
     assert isinstance(recording, SourceRecording)
     source, reading, may_go_on = recording._source, threading.Event(), threading.Event()

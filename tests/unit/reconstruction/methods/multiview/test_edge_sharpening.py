@@ -9,7 +9,7 @@ from reconstruction.depth.calibrated_image import CalibratedImage, SourceView
 from reconstruction.depth.plane_sweep import Surface
 from reconstruction.methods.multiview.edge_sharpening import sharpen_edges
 from tests.unit.reconstruction.conftest import Scene, make_view
-from tests.unit.reconstruction.depth.array_engine import sharpen_by_arrays
+from tests.unit.reconstruction.depth.array_sweep import sharpen_by_arrays
 from tests.unit.reconstruction.depth.small_views import SLOPE, photo_of, view_at
 
 TIME = 2.0

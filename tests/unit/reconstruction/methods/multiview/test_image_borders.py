@@ -2,10 +2,12 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
+from reconstruction.depth.rough_scene import RoughScene
 from reconstruction.methods.multiview import matcher
 from reconstruction.methods.multiview.input_images import InputImage, undistort_image
 from reconstruction.methods.multiview.sweep_matcher import ViewDepth
@@ -29,8 +31,16 @@ def test_pixels_beyond_the_picture_are_found(k1: float, black: bool) -> None:
 def test_they_get_no_depth(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     image = pincushion(0.3)
     whole = ViewDepth(np.ones((240, 320), np.float32), np.ones((240, 320, 3), np.float32))
-    monkeypatch.setattr(matcher, "match_all_views", lambda *_, **__: {"cam0": whole})
-    found = matcher.match_cameras(matcher.ChosenMatcher(), tmp_path, {"cam0": image}, {}, {})["cam0"]
+    given: dict[str, Any] = {}
+
+    def match_all_views(*_: Any, **options: Any) -> dict[str, ViewDepth]:
+        given.update(options)
+        return {"cam0": whole}
+
+    monkeypatch.setattr(matcher, "match_all_views", match_all_views)
+    rough = RoughScene({}, {}, has_thin=True)
+    found = matcher.match_cameras(matcher.ChosenMatcher(), tmp_path, {"cam0": image}, {}, rough)["cam0"]
+    assert given["has_thin"]
     assert (found.depth[image.outside] == 0).all()
     assert (found.normals[image.outside] == 0).all()
     assert (found.depth[~image.outside] == 1).all()

@@ -11,9 +11,9 @@ from reconstruction.common.geometry import Array, resize_view
 from reconstruction.depth.calibrated_image import CalibratedImage, SourceView
 from reconstruction.depth.plane_sweep import PlaneSweep, Surface
 from reconstruction.depth.rough_scene import find_rough_scene
-from reconstruction.depth.sweep_engine import CPU
+from reconstruction.depth.sweep_kernels import cost_volume
 from reconstruction.methods.multiview.sweep_matcher import ViewDepth, match_all_views
-from tests.unit.reconstruction.depth.array_engine import pixels_per_inverse_depth
+from tests.unit.reconstruction.depth.array_sweep import pixels_per_inverse_depth
 from tests.unit.reconstruction.depth.small_views import (
     FOCAL,
     HEIGHT,
@@ -148,8 +148,8 @@ def test_lens_projects_as_the_geometry_says(photos: dict[str, CalibratedImage]) 
 
 def test_a_plane_and_the_same_depth_map_look_alike(photos: dict[str, CalibratedImage]) -> None:
     source_view = SourceView(photos["middle"], photos["right"])
-    by_plane = CPU.cost_volume([source_view], None, np.array([0.45])).copy()
-    by_map = CPU.cost_volume([source_view], np.full((HEIGHT, WIDTH), 0.45, np.float32), np.zeros(1))
+    by_plane = cost_volume([source_view], None, np.array([0.45])).copy()
+    by_map = cost_volume([source_view], np.full((HEIGHT, WIDTH), 0.45, np.float32), np.zeros(1))
     assert np.abs(by_plane.astype(int) - by_map).max() < 5
 
 

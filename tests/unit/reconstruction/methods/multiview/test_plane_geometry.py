@@ -5,12 +5,14 @@ focal lengths that differ in x and y: a wrong sign anywhere gives another number
 """
 
 from dataclasses import dataclass, replace
+from types import ModuleType
 
 import cv2
 import numpy as np
 import pytest
 
 from reconstruction.common.geometry import Array, View
+from reconstruction.depth import sweep_kernels
 from reconstruction.depth.calibrated_image import OUTSIDE, CalibratedImage, SourceView
 from reconstruction.depth.plane_sweep import (
     MIN_PLANES,
@@ -22,7 +24,7 @@ from reconstruction.depth.plane_sweep import (
     move_edges,
 )
 from reconstruction.depth.rough_scene import find_rough_scene
-from reconstruction.depth.sweep_engine import CPU, Agreement, SweepEngine
+from reconstruction.depth.sweep_kernels import Agreement
 from reconstruction.depth.view_choice import (
     BEST_ANGLES_DEG,
     MAX_ANGLE_DEG,
@@ -50,10 +52,15 @@ from reconstruction.methods.multiview.instant_scoring import (
 )
 from reconstruction.methods.multiview.mesh import draw_clouds, up_direction
 from reconstruction.methods.multiview.sweep_matcher import propose_inverse_depth
-from tests.unit.reconstruction.depth.array_engine import ArrayEngine, cosine_of_rays, pixels_per_inverse_depth
+from tests.unit.reconstruction.depth import array_sweep
+from tests.unit.reconstruction.depth.array_sweep import (
+    cosine_of_rays,
+    pixels_per_inverse_depth,
+    sweep_by_arrays,
+)
 
-NUMPY = ArrayEngine()
-ENGINES = pytest.mark.parametrize("engine", [NUMPY, CPU], ids=["numpy", "cpu"])
+BOTH = pytest.mark.parametrize("steps", [array_sweep, sweep_kernels], ids=["arrays", "compiled"])
+"""A test that both versions of the sweep's steps pass."""
 
 
 def turned_view(
@@ -216,44 +223,44 @@ def test_only_what_is_noise_and_black_or_white_is_blank() -> None:
     assert np.array_equal(image.bordered[1:-2, 1:-2], image.grey)
 
 
-@ENGINES
-def test_both_views_of_a_wall_agree_and_a_nearer_one_hides_it(engine: SweepEngine, pair: SourceView) -> None:
+@BOTH
+def test_both_views_of_a_wall_agree_and_a_nearer_one_hides_it(steps: ModuleType, pair: SourceView) -> None:
     level, other = WALL.inverse_depth(REFERENCE), WALL.inverse_depth(SOURCE)
     inside, angle = seen_points(REFERENCE, SOURCE, WALL.points(REFERENCE, REFERENCE.grid()))
     # A pixel within half a pixel of the border is a matter of rounding.
     at = pixels_of(SOURCE, WALL.points(REFERENCE, REFERENCE.grid()))
     inner = (inside & ((at > 1) & (at < (SOURCE.width - 2, SOURCE.height - 2))).all(1)).reshape(60, 80)
     limits = Agreement(0.05, 0.0, 3.0, -1.0)
-    same, able = engine.compare(level, pair, other, limits)
+    same, able = steps.compare_surfaces(level, pair, other, limits)
     assert same[inner].all()
     assert able[inner].all()
     assert not able[~inside.reshape(60, 80) & (np.abs(at - 40) > 60).any(1).reshape(60, 80)].any()
-    same, able = engine.compare(level, pair, np.float32(1.2) * other, limits)
+    same, able = steps.compare_surfaces(level, pair, np.float32(1.2) * other, limits)
     assert not same.any()
     assert not able[inner].any()
-    same, able = engine.compare(level, pair, np.float32(0.8) * other, limits)
+    same, able = steps.compare_surfaces(level, pair, np.float32(0.8) * other, limits)
     assert not same.any()
     assert able[inner].all()
     # Off by 3 %, some pixels: fine if 4 % is always fine, and otherwise as far as it moves.
     off = np.float32(1.03) * other
-    assert engine.compare(level, pair, off, Agreement(0.05, 0.04, 0.0, -1.0))[0][inner].all()
-    assert not engine.compare(level, pair, off, Agreement(0.05, 0.0, 1e-3, -1.0))[0].any()
+    assert steps.compare_surfaces(level, pair, off, Agreement(0.05, 0.04, 0.0, -1.0))[0][inner].all()
+    assert not steps.compare_surfaces(level, pair, off, Agreement(0.05, 0.0, 1e-3, -1.0))[0].any()
     xs, ys = SOURCE.grid().astype(np.float32).T
     moved = 0.03 * other * pixels_per_inverse_depth(pair, xs, ys).reshape(other.shape)
     limit = float(np.median(moved))
-    part = engine.compare(level, pair, off, Agreement(0.05, 0.0, limit, -1.0))[0][inner].mean()
+    part = steps.compare_surfaces(level, pair, off, Agreement(0.05, 0.0, limit, -1.0))[0][inner].mean()
     assert 0.1 < part < 0.9
     # Views from directions that differ by more than the limit say nothing.
     middle = float(np.cos(np.radians(np.median(angle))))
-    same, able = engine.compare(level, pair, other, Agreement(0.05, 0.0, 3.0, middle))
+    same, able = steps.compare_surfaces(level, pair, other, Agreement(0.05, 0.0, 3.0, middle))
     narrow = (np.cos(np.radians(angle)) > middle).reshape(60, 80)
     assert np.array_equal(same[inner], narrow[inner])
     assert np.array_equal(able[inner], narrow[inner])
 
 
-@ENGINES
-def test_the_other_image_is_warped_to_this_one(engine: SweepEngine, pair: SourceView) -> None:
-    warped = engine.warp(pair, WALL.inverse_depth(REFERENCE))
+@BOTH
+def test_the_other_image_is_warped_to_this_one(steps: ModuleType, pair: SourceView) -> None:
+    warped = steps.warp(pair, WALL.inverse_depth(REFERENCE))
     at = pixels_of(SOURCE, WALL.points(REFERENCE, REFERENCE.grid())).reshape(60, 80, 2)
     inside = ((at >= 0) & (at <= (SOURCE.width - 1, SOURCE.height - 1))).all(2)
     assert 0.3 < inside.mean() < 1
@@ -262,15 +269,15 @@ def test_the_other_image_is_warped_to_this_one(engine: SweepEngine, pair: Source
     assert (warped[beyond] == OUTSIDE).all()
     whole = cv2.erode(inside.astype(np.uint8), np.ones((7, 7), np.uint8)) > 0
     assert whole.sum() > 500
-    assert engine.costs_along([pair], WALL.inverse_depth(REFERENCE))[whole].max() < 40
+    assert steps.costs_along([pair], WALL.inverse_depth(REFERENCE))[whole].max() < 40
 
 
-@pytest.mark.parametrize("fit", [NUMPY.fit_planes, CPU.fit_planes], ids=["numpy", "cpu"])
-def test_a_plane_is_its_own_fit(fit: object, pair: SourceView) -> None:
+@BOTH
+def test_a_plane_is_its_own_fit(steps: ModuleType, pair: SourceView) -> None:
     true = WALL.surface(REFERENCE)
     slopes = np.stack(true[1:3])
     for given, rounds in ((None, 3), (slopes, 1), (slopes, 2)):
-        level, right, down = fit(true.inverse_depth, 0.05, slopes=given, stride=2, rounds=rounds)  # type: ignore[operator]
+        level, right, down = steps.fit_planes(true.inverse_depth, 0.05, slopes=given, stride=2, rounds=rounds)
         inner = np.s_[5:-5, 5:-5]
         assert level[inner] == pytest.approx(true.inverse_depth[inner], abs=2e-5)
         # Regularized by a hundredth, where it begins at no slope.
@@ -308,14 +315,18 @@ def test_motion_and_the_number_of_depths_follow_from_the_geometry() -> None:
     assert count == max(MIN_PLANES, int(np.ceil(0.8 * 70 * scale / STEP_PX) + 1))
 
 
-@ENGINES
-def test_a_pixel_beside_its_surface_takes_the_neighbours_plane(engine: SweepEngine, pair: SourceView) -> None:
+@BOTH
+def test_a_pixel_beside_its_surface_takes_the_neighbours_plane(
+    steps: ModuleType, pair: SourceView, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if steps is array_sweep:
+        sweep_by_arrays(monkeypatch)
     true = WALL.surface(REFERENCE)
     planes = np.stack(true[:3])
     for strip in (np.s_[:, 30:33], np.s_[28:31, :]):
         wrong = planes.copy()
         wrong[0][strip] *= 1.3
-        moved = move_edges(wrong, [pair], 4, engine)
+        moved = move_edges(wrong, [pair], 4)
         inner = np.s_[12:-12, 20:-20]
         off = np.abs(moved[0] - planes[0])[strip]
         assert np.median(off) < 1e-6

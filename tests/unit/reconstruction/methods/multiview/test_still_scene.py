@@ -9,7 +9,7 @@ import pytest
 from reconstruction.common.geometry import Array
 from reconstruction.depth.calibrated_image import CalibratedImage, SourceView
 from reconstruction.depth.plane_sweep import Surface
-from reconstruction.depth.sweep_engine import CPU
+from reconstruction.depth.sweep_kernels import warp
 from reconstruction.methods.multiview.still_scene import StillScene, boxes_around
 from reconstruction.methods.multiview.sweep_matcher import ViewDepth, match_all_views
 from tests.unit.reconstruction.depth.small_views import PAINT, PLACES, choose_by_depth, photo_of, view_at
@@ -84,7 +84,7 @@ def test_what_was_hidden_from_a_source_is_swept_again() -> None:
     for name, other in (("middle", "left"), ("middle", "right"), ("right", "middle")):
         moving, card = (np.asarray(pictures[one].moving, np.float32) for one in (name, other))
         to_other = SourceView(pictures[name], replace(pictures[other], grey=card))
-        hidden = (CPU.warp(to_other, found[name].inverse_depth) > 0.5) & (cv2.dilate(moving, WIDE) == 0)
+        hidden = (warp(to_other, found[name].inverse_depth) > 0.5) & (cv2.dilate(moving, WIDE) == 0)
         assert hidden.mean() > 0.005
         assert known.new(name, pictures[name])[hidden].all()
         assert known.new(name, pictures[name]).mean() < 0.6

@@ -15,15 +15,15 @@ from benchmarks.paper.clock_trials import ASYMMETRY, DrawLink, unequal
 from benchmarks.paper.result import Table
 from benchmarks.paper.trials import call_all
 from benchmarks.report import new_parser, print_table
+from benchmarks.simulated.changing_clocks import ChangingClock, RateSpell
+from benchmarks.simulated.clock_pair import START_TRUE_NS, ClockPair, LongerFrom
+from benchmarks.simulated.link_spells import LAWS, recorded_laws
 from benchmarks.simulated.links import DelayLaw, Link
 from benchmarks.simulated.wifi_laws import LINKS_BY_LAW, LOOPBACK
 from benchmarks.simulated.wireless import PAPER_LINK, GammaDelay, wireless
 from capture_app.common.node_state import NodeState
 from capture_app.console.terminal import print_json, print_line
 from capture_app.sync.timekeeping.clock_events import ClockChanged
-from tests.unit.benchmarks.simulated.changing_clock import ChangingClock, RateSpell
-from tests.unit.benchmarks.simulated.clock_pair import START_TRUE_NS, ClockPair, LongerFrom
-from tests.unit.benchmarks.simulated.link_spells import LAWS, recorded_laws
 
 _S = 1_000_000_000
 TOLERANCE_NS = 300_000

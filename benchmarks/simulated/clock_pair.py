@@ -4,6 +4,7 @@ import random
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from benchmarks.simulated.changing_clocks import ChangingClock
 from benchmarks.simulated.links import DelayLaw, Direction, Link
 from benchmarks.simulated.virtual_rig import Timer, VirtualTime
 from capture_app.common.node_state import NodeState
@@ -13,7 +14,6 @@ from capture_app.sync.rig.rig_config import RequestedConfig
 from capture_app.sync.rig.time_client import TimeClient, TimeClientEvent
 from capture_app.sync.timekeeping.poll_schedule import AccuracyTarget
 from capture_app.sync.timekeeping.timekeeper import Timekeeper
-from tests.unit.benchmarks.simulated.changing_clock import ChangingClock
 
 ADDRESS = ("node", 0)
 START_TRUE_NS = 10**12

@@ -1,9 +1,6 @@
-"""The compiled engine beside the array version, and the GPU's (by a software driver) beside the CPU."""
+"""The compiled steps of depth beside the same steps by arrays."""
 
 import inspect
-import sys
-from collections.abc import Iterator
-from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,28 +11,25 @@ import pytest
 
 from capture_app.common.errors import NotAvailableError
 from reconstruction.common.geometry import Array
-from reconstruction.common.matchers import Matcher
-from reconstruction.depth import compiling
+from reconstruction.depth import compiling, plane_sweep, sweep_kernels
 from reconstruction.depth.calibrated_image import OUTSIDE, SourceView
 from reconstruction.depth.compiling import library_of
 from reconstruction.depth.kernels import load_kernels
 from reconstruction.depth.plane_sweep import PlaneSweep, Surface
-from reconstruction.depth.sweep_engine import BETTER_OF_TWO, CPU, Agreement, SweepEngine
-from reconstruction.methods.multiview import gpu, matcher
+from reconstruction.depth.sweep_kernels import BETTER_OF_TWO, Agreement
 from reconstruction.methods.multiview.consistent_pixels import _valid_fraction
 from reconstruction.methods.multiview.fusion import PosedMap, find_denied, fuse_posed_maps
-from reconstruction.methods.multiview.gpu import GpuEngine, find_adapters, find_engine, open_gpu
-from reconstruction.methods.multiview.matcher import ChosenMatcher
 from reconstruction.methods.multiview.sweep_matcher import (
     ViewDepth,
     _close_gaps,
     propose_inverse_depth,
 )
-from tests.unit.reconstruction.depth.array_engine import (
-    ArrayEngine,
+from tests.unit.reconstruction.depth import array_sweep
+from tests.unit.reconstruction.depth.array_sweep import (
     aggregate_costs,
     cheapest_depths,
     splat_arrays,
+    sweep_by_arrays,
     valid_fraction,
 )
 from tests.unit.reconstruction.depth.small_views import (
@@ -46,7 +40,6 @@ from tests.unit.reconstruction.depth.small_views import (
 )
 from tests.unit.reconstruction.methods.multiview.array_fusion import denied_by_arrays, fuse_arrays
 
-NUMPY = ArrayEngine()
 OFFSETS = np.linspace(0.3, 0.7, 21)
 
 
@@ -113,27 +106,6 @@ def bilinear(picture: Array, u: Array, v: Array, outside: np.float32) -> Array:
     return np.where(there, above + (below - above) * down, outside)
 
 
-@pytest.fixture(scope="module")
-def adapters() -> list[Any]:
-    """The software drivers of Vulkan here, which compute as a GPU does."""
-    found = []
-    with suppress(ImportError):
-        found = [one for one in find_adapters() if one.info["adapter_type"] == "CPU"]
-    if not found:
-        pytest.skip("no software driver of Vulkan here (Debian: mesa-vulkan-drivers)")
-    return found
-
-
-@pytest.fixture(scope="module")
-def software_gpu(adapters: list[Any]) -> GpuEngine:
-    return GpuEngine(adapters[0])
-
-
-@pytest.fixture(params=["gpu", "cpu"])
-def engine(request: pytest.FixtureRequest) -> SweepEngine:
-    return request.getfixturevalue("software_gpu") if request.param == "gpu" else CPU
-
-
 def curved_surface(views: list[SourceView]) -> Array:
     ys, xs = np.mgrid[0 : views[0].reference.grey.shape[0], 0 : views[0].reference.grey.shape[1]]
     return (0.1 * np.sin(xs / 17) + 0.001 * ys).astype(np.float32)
@@ -146,49 +118,17 @@ def curved_surface(views: list[SourceView]) -> Array:
 def test_costs_are_those_of_the_array_version(count: int, window: int, curved: bool) -> None:
     views = source_views(count, window)
     base = curved_surface(views) if curved else None
-    found = CPU.cost_volume(views, base, OFFSETS)
+    found = sweep_kernels.cost_volume(views, base, OFFSETS)
     exact = array_version(views, base, OFFSETS)
     # Sums of windows that slide are rounded otherwise.
     assert np.abs(found.astype(int) - exact).max() <= 1
     assert np.mean(found != exact) < 0.02
     assert exact.std() > 20
     # OpenCV rounds otherwise, by a grey level's fraction.
-    quick = NUMPY.cost_volume(views, base, OFFSETS)
+    quick = array_sweep.cost_volume(views, base, OFFSETS)
     off = np.abs(quick.astype(int) - exact)
     assert off.mean() < 0.6
     assert np.mean(off > 8) < 0.002
-
-
-@pytest.mark.parametrize(
-    ("count", "window", "curved", "depths"),
-    [(1, 5, False, 9), (2, 7, True, 9), (3, 7, True, 4), (4, 5, False, 3)],
-)
-def test_a_gpu_finds_the_costs_of_the_compiled_engine_and_their_cheapest_bit_by_bit(
-    count: int, window: int, curved: bool, depths: int, software_gpu: GpuEngine
-) -> None:
-    views = source_views(count, window)
-    volume = views, curved_surface(views) if curved else None, np.linspace(0.3, 0.7, depths)
-    costs = software_gpu.costs(volume)
-    off = np.abs(costs.astype(int) - CPU.cost_volume(*volume))
-    assert off.max() <= 1
-    assert off.mean() < 0.008
-    grey = views[0].reference.grey
-    expected = CPU.find_cheapest(costs, grey, 20, 800)
-    for found, exact in zip(software_gpu.find_cheapest(volume, grey, 20, 800), expected, strict=True):
-        assert np.array_equal(found, exact)
-
-
-@pytest.mark.parametrize(("height", "width", "depths"), [(37, 53, 13), (5, 60, 3), (9, 1, 9), (24, 20, 150)])
-def test_paths_of_the_scan_go_on_from_band_to_band(
-    height: int, width: int, depths: int, adapters: list[Any]
-) -> None:
-    views = source_views(2, 5)
-    reference = views[0].reference.cropped((slice(height), slice(width)))
-    volume = [SourceView(reference, one.source) for one in views], None, np.linspace(0.3, 0.7, depths)
-    engine = GpuEngine(adapters[0], max_band_bytes=8 * -(-depths // 4) * width * 7)
-    expected = CPU.find_cheapest(engine.costs(volume), reference.grey, 20, 800)
-    for found, exact in zip(engine.find_cheapest(volume, reference.grey, 20, 800), expected, strict=True):
-        assert np.array_equal(found, exact)
 
 
 @pytest.mark.parametrize("shape", [(37, 13, 53), (53, 40, 37), (5, 3, 60), (24, 150, 20), (9, 9, 1)])
@@ -196,7 +136,7 @@ def test_scan_is_that_of_the_array_version(shape: tuple[int, int, int]) -> None:
     rng = np.random.default_rng(sum(shape))
     costs = rng.integers(0, 256, shape).astype(np.uint8)
     grey = (rng.random((shape[0], shape[2])) * 255).astype(np.float32)
-    place, own = CPU.find_cheapest(costs, grey, 20, 800)
+    place, own = sweep_kernels.find_cheapest(costs, grey, 20, 800)
     expected = cheapest_depths(aggregate_costs(costs, grey, 20, 800), costs)
     assert np.array_equal(place, expected[0])
     assert np.array_equal(own, expected[1])
@@ -207,33 +147,38 @@ def test_sums_of_the_scan_are_those_of_the_array_version(depths: int) -> None:
     rng = np.random.default_rng(depths)
     costs = rng.integers(0, 256, (41, depths, 35)).astype(np.uint8)
     grey = (rng.random((41, 35)) * 255).astype(np.float32)
-    assert np.array_equal(CPU.aggregate(costs, grey, 60, 60), aggregate_costs(costs, grey, 60, 60))
+    assert np.array_equal(
+        sweep_kernels.aggregate_costs(costs, grey, 60, 60), aggregate_costs(costs, grey, 60, 60)
+    )
 
 
 def test_a_picture_that_is_swept_at_a_smaller_size_first_gets_the_same_depth_on_either_way(
-    engine: SweepEngine, monkeypatch: pytest.MonkeyPatch
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     views = source_views(3, 5)
     reference, sources = views[0].reference, [view.source for view in views]
     cells = 24 * reference.grey.size // 3
-    by_numpy = PlaneSweep(max_cells=cells, engine=NUMPY).sweep(reference, sources, (1.0, 4.0))
+    sweep = PlaneSweep(max_cells=cells)
+    with monkeypatch.context() as patch:
+        sweep_by_arrays(patch)
+        by_numpy = sweep.sweep(reference, sources, (1.0, 4.0))
     # What NumPy makes of arrays often lies column by column; kernels read row by row.
     reference, *sources = (replace(one, grey=np.asfortranarray(one.grey)) for one in (reference, *sources))
-    fit_planes = engine.fit_planes
-    monkeypatch.setattr(engine, "fit_planes", lambda *a, **k: np.asfortranarray(fit_planes(*a, **k)))
-    found = PlaneSweep(max_cells=cells, engine=engine).sweep(reference, sources, (1.0, 4.0))
+    fit_planes = sweep_kernels.fit_planes
+    monkeypatch.setattr(plane_sweep, "fit_planes", lambda *a, **k: np.asfortranarray(fit_planes(*a, **k)))
+    found = sweep.sweep(reference, sources, (1.0, 4.0))
     off = np.abs(by_numpy.inverse_depth / found.inverse_depth - 1)
     assert np.median(off) < 0.001
     assert np.mean(off > 0.01) < 0.02
 
 
-def test_kernels_read_row_by_row_what_lies_column_by_column(engine: Any) -> None:
+def test_kernels_read_row_by_row_what_lies_column_by_column() -> None:
     views = source_views(2, 5)
     base = np.asfortranarray(np.linspace(0, 0.2, views[0].reference.grey.size, dtype=np.float32))
     base = base.reshape(views[0].reference.grey.shape, order="F")
     assert not base.flags.c_contiguous
     exact = array_version(views, base, OFFSETS[:1])[:, 0]
-    found = engine.costs_along(views, base + np.float32(OFFSETS[0]))
+    found = sweep_kernels.costs_along(views, base + np.float32(OFFSETS[0]))
     assert np.abs(found.astype(int) - exact).max() <= 1
 
 
@@ -245,8 +190,8 @@ def test_planes_are_those_of_the_array_version(radius: int, stride: int, rounds:
     slopes = 0.001 * rng.standard_normal((2, *xs.shape)).astype(np.float32)
     for start in (None, slopes):
         options: Any = {"slopes": start, "radius": radius, "stride": stride, "rounds": rounds}
-        found = CPU.fit_planes(level.astype(np.float32), 0.01, **options)
-        assert np.abs(found - NUMPY.fit_planes(level.astype(np.float32), 0.01, **options)).max() < 1e-5
+        found = sweep_kernels.fit_planes(level.astype(np.float32), 0.01, **options)
+        assert np.abs(found - array_sweep.fit_planes(level.astype(np.float32), 0.01, **options)).max() < 1e-5
 
 
 def test_votes_are_those_of_the_array_version() -> None:
@@ -256,7 +201,7 @@ def test_votes_are_those_of_the_array_version() -> None:
     mine = (0.5 + 0.05 * np.sin(xs / 9) + 0.003 * rng.standard_normal(xs.shape)).astype(np.float32)
     other = (0.5 + 0.05 * np.sin(xs / 9 + ys / 30)).astype(np.float32)
     agreement = Agreement(0.02, 0.01, 1.0, float(np.cos(np.radians(45))))
-    pairs = (engine.compare(mine, view, other, agreement) for engine in (CPU, NUMPY))
+    pairs = (steps.compare_surfaces(mine, view, other, agreement) for steps in (sweep_kernels, array_sweep))
     for found, expected in zip(*pairs, strict=True):
         assert np.mean(found != expected) < 0.002
         assert 0.05 < expected.mean() < 0.99
@@ -267,14 +212,16 @@ def test_a_scan_in_memory_used_before_is_that_in_fresh_memory() -> None:
     large, small = (rng.integers(0, 256, (20, depths, 33), np.uint8) for depths in (40, 9))
     grey = rng.uniform(0, 255, (20, 33)).astype(np.float32)
     for costs in (large, small):
-        assert np.array_equal(CPU.aggregate(costs, grey, 20, 800), NUMPY.aggregate(costs, grey, 20, 800))
+        assert np.array_equal(
+            sweep_kernels.aggregate_costs(costs, grey, 20, 800), aggregate_costs(costs, grey, 20, 800)
+        )
 
 
 def test_what_is_seen_through_a_surface_is_that_of_the_array_version() -> None:
     view = source_views(1, 5)[0]
     ys, xs = np.mgrid[0 : view.reference.grey.shape[0], 0 : view.reference.grey.shape[1]]
     level = (0.5 + 0.2 * np.sin(xs / 9) + 0.001 * ys).astype(np.float32)
-    found, expected = (engine.warp(view, level) for engine in (CPU, NUMPY))
+    found, expected = (steps.warp(view, level) for steps in (sweep_kernels, array_sweep))
     assert 0.02 < np.mean(expected < 0) < 0.5
     assert np.mean((found < 0) != (expected < 0)) < 0.01
     inside = (found >= 0) & (expected >= 0)
@@ -381,113 +328,3 @@ def test_pypi_s_compiler_makes_kernels_for_every_processor(monkeypatch: pytest.M
     monkeypatch.setattr("shutil.which", lambda _name: None)
     monkeypatch.setattr(compiling, "find_spec", lambda _name: object())
     assert compiling.find_compiler()[1:] == ["-m", "ziglang", "cc", "-mcpu=baseline"]
-
-
-def test_a_software_driver_is_used_only_by_name(adapters: list[Any]) -> None:
-    name = adapters[0].info["device"]
-    assert open_gpu(adapters, name[:4].upper()).note == f"on {name}"
-    for named in ("", "radeon"):
-        with pytest.raises(NotAvailableError, match="no GPU"):
-            open_gpu(adapters, named)
-
-
-@pytest.mark.parametrize(
-    ("right", "wrong"),
-    [
-        ("number(m + 11) * w, 1e-6", "number(m + 10) * w, 1e-6"),
-        ("+ task.small", "+ 1"),
-        ("0.5 * (b - a)", "(b - a)"),
-    ],
-)
-def test_a_gpu_that_computes_wrongly_is_not_used(
-    right: str, wrong: str, adapters: list[Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    text = gpu.KERNELS.read_text()
-    assert right in text
-    (tmp_path / "kernels.wgsl").write_text(text.replace(right, wrong))
-    monkeypatch.setattr(gpu, "KERNELS", tmp_path / "kernels.wgsl")
-    with pytest.raises(NotAvailableError, match="errors in a test on"):
-        open_gpu(adapters, adapters[0].info["device"])
-
-
-def test_the_cpu_goes_on_when_a_gpu_is_lost(adapters: list[Any], capsys: pytest.CaptureFixture[str]) -> None:
-    engine = GpuEngine(adapters[0])
-    views = source_views(2, 5)
-    level, grey = curved_surface(views), views[0].reference.grey
-    volume = engine.cost_volume(views, level, OFFSETS)
-    engine.device.destroy()
-    expected = CPU.find_cheapest(CPU.cost_volume(views, level, OFFSETS), grey, 20, 800)
-    for found, exact in zip(engine.find_cheapest(volume, grey, 20, 800), expected, strict=True):
-        assert np.array_equal(found, exact)
-    assert np.array_equal(engine.costs_along(views, level), CPU.costs_along(views, level))
-    said = capsys.readouterr().err
-    assert said == "the GPU failed (Parent device is lost): depth goes on with the CPU\n"
-    assert ChosenMatcher(engine=engine).note.endswith(", and on the CPU from its failure on")
-
-
-@pytest.fixture
-def looked_for() -> Iterator[None]:
-    """Engines are looked for in the test, and again after it."""
-    find_engine.cache_clear()
-    yield
-    find_engine.cache_clear()
-
-
-@pytest.mark.usefixtures("looked_for")
-@pytest.mark.parametrize(
-    ("named", "note"),
-    [
-        (None, "on the CPU ("),
-        ("", ""),
-        ("radeon", "on the CPU (import of wgpu.backends.wgpu_native.extras halted"),
-    ],
-)
-def test_without_wgpu_the_cpu_sweeps_and_says_so_where_a_gpu_is_named(
-    named: str | None, note: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setitem(sys.modules, "wgpu.backends.wgpu_native.extras", None)
-    monkeypatch.delenv(gpu.GPU, raising=False)
-    if named is not None:
-        monkeypatch.setenv(gpu.GPU, named)
-    found = find_engine()
-    assert type(found) is type(CPU)
-    assert found.note.startswith(note or CPU.note)
-
-
-@pytest.mark.parametrize(
-    ("asked", "named", "looked"), [("auto", "", 0), ("sweep", "", 0), ("gpu", "", 1), ("auto", "arc", 1)]
-)
-def test_a_gpu_is_used_only_on_request(
-    asked: str, named: str, looked: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    calls: list[int] = []
-    monkeypatch.setattr(matcher, "find_engine", lambda: calls.append(1) or CPU)
-    monkeypatch.setenv(gpu.GPU, named)
-    assert matcher.choose_matcher(Matcher(asked)).name == "sweep"
-    assert len(calls) == looked
-
-
-@pytest.mark.usefixtures("looked_for")
-@pytest.mark.parametrize(("named", "there", "looked"), [("", True, 0), (None, True, 1), (None, False, 0)])
-def test_a_gpu_is_looked_for_unless_it_is_declined_or_not_there(
-    named: str | None, there: bool, looked: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    calls: list[int] = []
-    monkeypatch.setattr(gpu, "has_gpu", lambda: there)
-    monkeypatch.setattr(gpu, "find_adapters", lambda: calls.append(1) or [])
-    monkeypatch.delenv(gpu.GPU, raising=False)
-    if named is not None:
-        monkeypatch.setenv(gpu.GPU, named)
-    find_engine()
-    assert len(calls) == looked
-
-
-@pytest.mark.parametrize(
-    ("device", "found"), [("dri/renderD128", True), ("nvidia0", True), ("dxg", True), ("nvidiactl", False)]
-)
-def test_a_gpu_is_looked_for_where_linux_has_a_device_for_one(
-    device: str, found: bool, tmp_path: Path
-) -> None:
-    (tmp_path / device).parent.mkdir(exist_ok=True)
-    (tmp_path / device).touch()
-    assert gpu.has_gpu(tmp_path) == (found or sys.platform != "linux")

@@ -3,23 +3,17 @@
 import math
 from collections.abc import Sequence
 from itertools import product
-from typing import Any
 
 import cv2
 import numpy as np
+import pytest
 
 from reconstruction.common.geometry import Array
+from reconstruction.depth import geometric_consistency, plane_sweep
 from reconstruction.depth.calibrated_image import OUTSIDE, SourceView, box_filter
 from reconstruction.depth.geometric_consistency import RELATIVE_DEPTH
 from reconstruction.depth.plane_sweep import Surface
-from reconstruction.depth.sweep_engine import (
-    BETTER_OF_TWO,
-    JUMP_GREY,
-    WORST_COST,
-    Agreement,
-    SweepEngine,
-)
-from reconstruction.depth.sweep_engine import MIN_JUMP as MIN_PRICE
+from reconstruction.depth.sweep_kernels import BETTER_OF_TWO, WORST_COST, Agreement
 from reconstruction.methods.multiview.consistent_pixels import SUPPORT_PLACES, SUPPORT_PX
 from reconstruction.methods.multiview.edge_sharpening import (
     FAR_PRIOR,
@@ -35,85 +29,101 @@ from reconstruction.methods.multiview.edge_sharpening import (
     _differences,
 )
 
+JUMP_GREY = 8
+"""Grey-level difference between neighbouring pixels that halves the penalty of a jump."""
+MIN_PRICE = 1.5
+"""Minimum penalty of a jump, in units of the small step's."""
 
-class ArrayEngine(SweepEngine):
-    """The engine by arrays."""
 
-    def cost_volume(self, source_views: Sequence[SourceView], base: Array | None, offsets: Array) -> Any:
-        """Return costs (height x depths x width, uint8, 0 = equal) at inverse depths `base` plus `offsets`.
+def cost_volume(source_views: Sequence[SourceView], base: Array | None, offsets: Array) -> Array:
+    """Return costs (height x depths x width, uint8, 0 = equal) at inverse depths `base` plus `offsets`.
 
-        `base` (height x width) None means planes facing the reference. Windows are compared by correlation.
-        An engine may use a layout and memory of its own.
-        """
-        height, width = source_views[0].reference.grey.shape
-        base = np.zeros((height, width), np.float32) if base is None else base
-        volume = np.empty((height, len(offsets), width), np.uint8)
-        for number, offset in enumerate(offsets.astype(np.float32)):
-            found = [correlate_windows(one, self.warp(one, base + offset)) for one in source_views]
-            volume[:, number] = WORST_COST * (1 - np.minimum(combine_likeness(found), 1))
-        return volume
+    `base` (height x width) None means planes facing the reference. Windows are compared by correlation.
+    """
+    height, width = source_views[0].reference.grey.shape
+    base = np.zeros((height, width), np.float32) if base is None else base
+    volume = np.empty((height, len(offsets), width), np.uint8)
+    for number, offset in enumerate(offsets.astype(np.float32)):
+        found = [correlate_windows(one, warp(one, base + offset)) for one in source_views]
+        volume[:, number] = WORST_COST * (1 - np.minimum(combine_likeness(found), 1))
+    return volume
 
-    def find_cheapest(self, volume: Any, grey: Array, small: int, large: int) -> tuple[Array, Array]:
-        """Return index and cost of each pixel's cheapest depth in `volume`, after the semi-global scan."""
-        return cheapest_depths(aggregate_costs(volume, grey, small, large), volume)
 
-    def warp(self, source_view: SourceView, inverse_depth: Array) -> Array:
-        """Return the source's grey levels warped by inverse depths, `OUTSIDE` beyond its image."""
-        x, y, _ = source_view.project(inverse_depth)
-        grey = source_view.source.grey
-        at = np.nan_to_num(x, nan=-1e4), np.nan_to_num(y, nan=-1e4)
-        return np.asarray(cv2.remap(grey, *at, cv2.INTER_LINEAR, borderValue=(OUTSIDE,)))
+def find_cheapest(volume: Array, grey: Array, small: int, large: int) -> tuple[Array, Array]:
+    """Return index and cost of each pixel's cheapest depth in `volume`, after the semi-global scan."""
+    return cheapest_depths(aggregate_costs(volume, grey, small, large), volume)
 
-    def fit_planes(
-        self,
-        inverse_depth: Array,
-        tolerance: float,
-        *,
-        slopes: Array | None = None,
-        radius: int = 2,
-        stride: int = 1,
-        rounds: int = 2,
-    ) -> Array:
-        """Fit a plane at each pixel: inverse depth and its slope per pixel in x and y (3 x height x width).
 
-        A plane of the scene is linear in inverse depth over the pixels. The result is float32. The fit is by
-        least squares to the neighbours within `radius * stride` px that are within `tolerance` of the
-        previous plane, so that no plane bridges a depth edge. The first plane goes through the pixel's own
-        depth and has these `slopes` (2 x height x width), or none.
-        """
-        border = radius * stride
-        planes = np.zeros((3, *inverse_depth.shape), np.float32)
-        planes[0] = inverse_depth
-        if slopes is not None:
-            planes[1:] = slopes * np.float32(border)
-        padded = np.pad(planes[0], border, constant_values=-1e6)
-        height, width = inverse_depth.shape
-        for _ in range(rounds):
-            sums = np.zeros((9, height, width), np.float32)
-            for dy, dx in product(range(-border, border + 1, stride), repeat=2):
-                x, y = dx / border, dy / border
-                gap = padded[border + dy :, border + dx :][:height, :width] - planes[0]
-                weight = np.maximum(1 - ((gap - x * planes[1] - y * planes[2]) / tolerance) ** 2, 0)
-                factors = np.array([1, x, y, x * x, x * y, y * y], np.float32)
-                sums[:6] += np.multiply.outer(factors, weight)
-                sums[6:] += np.multiply.outer(factors[:3], weight * gap)
-            planes = _solve(sums, planes)
-        planes[1:] /= np.float32(border)
-        return planes
+def warp(source_view: SourceView, inverse_depth: Array) -> Array:
+    """Return the source's grey levels warped by inverse depths, `OUTSIDE` beyond its image."""
+    x, y, _ = source_view.project(inverse_depth)
+    grey = source_view.source.grey
+    at = np.nan_to_num(x, nan=-1e4), np.nan_to_num(y, nan=-1e4)
+    return np.asarray(cv2.remap(grey, *at, cv2.INTER_LINEAR, borderValue=(OUTSIDE,)))
 
-    def compare(
-        self, inverse_depth: Array, source_view: SourceView, other: Array, agreement: Agreement
-    ) -> tuple[Array, Array]:
-        """Return where another view's surface agrees with this one, and where it could see it (bool)."""
-        x, y, z = source_view.project(inverse_depth)
-        x, y = np.nan_to_num(x, nan=-1e4), np.nan_to_num(y, nan=-1e4)
-        seen = cv2.remap(other, x, y, cv2.INTER_NEAREST, borderValue=(0.0,))
-        expected = inverse_depth / np.maximum(z, 1e-6)
-        off = np.abs(seen - expected)
-        inside = (seen > 0) & (z > 1e-6) & (cosine_of_rays(source_view, inverse_depth) > agreement.cosine)
-        near = off * pixels_per_inverse_depth(source_view, x, y) < agreement.pixels
-        same = (off < agreement.relative * seen) & ((off < agreement.sure * seen) | near)
-        return inside & same, inside & (seen <= expected * (1 + agreement.relative))
+
+def costs_along(source_views: Sequence[SourceView], inverse_depth: Array) -> Array:
+    """Return the costs along one surface (height x width, uint8)."""
+    return np.array(cost_volume(source_views, inverse_depth, np.zeros(1))[:, 0])
+
+
+def sweep_by_arrays(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Have sweeps and the comparison of their surfaces take these steps instead of the compiled ones."""
+    for step in (cost_volume, costs_along, find_cheapest, fit_planes):
+        monkeypatch.setattr(plane_sweep, step.__name__, step)
+    monkeypatch.setattr(geometric_consistency, "compare_surfaces", compare_surfaces)
+
+
+def fit_planes(
+    inverse_depth: Array,
+    tolerance: float,
+    *,
+    slopes: Array | None = None,
+    radius: int = 2,
+    stride: int = 1,
+    rounds: int = 2,
+) -> Array:
+    """Fit a plane at each pixel: inverse depth and its slope per pixel in x and y (3 x height x width).
+
+    A plane of the scene is linear in inverse depth over the pixels. The result is float32. The fit is by
+    least squares to the neighbours within `radius * stride` px that are within `tolerance` of the
+    previous plane, so that no plane bridges a depth edge. The first plane goes through the pixel's own
+    depth and has these `slopes` (2 x height x width), or none.
+    """
+    border = radius * stride
+    planes = np.zeros((3, *inverse_depth.shape), np.float32)
+    planes[0] = inverse_depth
+    if slopes is not None:
+        planes[1:] = slopes * np.float32(border)
+    padded = np.pad(planes[0], border, constant_values=-1e6)
+    height, width = inverse_depth.shape
+    for _ in range(rounds):
+        sums = np.zeros((9, height, width), np.float32)
+        for dy, dx in product(range(-border, border + 1, stride), repeat=2):
+            x, y = dx / border, dy / border
+            gap = padded[border + dy :, border + dx :][:height, :width] - planes[0]
+            weight = np.maximum(1 - ((gap - x * planes[1] - y * planes[2]) / tolerance) ** 2, 0)
+            factors = np.array([1, x, y, x * x, x * y, y * y], np.float32)
+            sums[:6] += np.multiply.outer(factors, weight)
+            sums[6:] += np.multiply.outer(factors[:3], weight * gap)
+        planes = _solve(sums, planes)
+    planes[1:] /= np.float32(border)
+    return planes
+
+
+def compare_surfaces(
+    inverse_depth: Array, source_view: SourceView, other: Array, agreement: Agreement
+) -> tuple[Array, Array]:
+    """Return where another view's surface agrees with this one, and where it could see it (bool)."""
+    x, y, z = source_view.project(inverse_depth)
+    x, y = np.nan_to_num(x, nan=-1e4), np.nan_to_num(y, nan=-1e4)
+    seen = cv2.remap(other, x, y, cv2.INTER_NEAREST, borderValue=(0.0,))
+    expected = inverse_depth / np.maximum(z, 1e-6)
+    off = np.abs(seen - expected)
+    inside = (seen > 0) & (z > 1e-6) & (cosine_of_rays(source_view, inverse_depth) > agreement.cosine)
+    near = off * pixels_per_inverse_depth(source_view, x, y) < agreement.pixels
+    same = (off < agreement.relative * seen) & ((off < agreement.sure * seen) | near)
+    return inside & same, inside & (seen <= expected * (1 + agreement.relative))
 
 
 def combine_likeness(likeness: Sequence[Array]) -> Array:

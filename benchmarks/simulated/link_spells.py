@@ -1,6 +1,6 @@
 """WiFi links whose delays come in spells, in virtual time, and recorded links replayed.
 
-`python -m tests.unit.benchmarks.simulated.link_spells TRACE` prints the asymmetry of a recorded link.
+`python -m benchmarks.simulated.link_spells TRACE` prints the asymmetry of a recorded link.
 """
 
 import random

@@ -36,17 +36,18 @@ from capture_app.session.writing.session_writer import SessionWriter
 from reconstruction import Multiview, open_session
 from reconstruction.common.geometry import Array, View
 from reconstruction.depth.backdrop import find_backdrop
-from reconstruction.depth.seen_moment import Moment, SeenView
+from reconstruction.depth.seen_moment import SeenView
 from reconstruction.depth.view_blending import render
 from reconstruction.method.picture_quality import psnr
 from reconstruction.methods.splat.gaussians import make_gaussians, render_gaussians
 from reconstruction.methods.splat.optimization import optimize
+from reconstruction.scene.calibration.board_calibration import LensModel
 from reconstruction.scene.calibration_run import CalibrateOptions, CalibrationSource, calibrate
 from reconstruction.scene.scene import Scene
 from tests.facts import make_facts
 
 SIZE = 640, 480
-FISHEYE = {
+FISHEYE: dict[str, Any] = {
     "width": SIZE[0],
     "height": SIZE[1],
     "fx": 282.0,
@@ -81,7 +82,7 @@ class LensView(still.View):
         columns, rows = np.meshgrid(np.arange(self.width) + right, np.arange(self.height) + down)
         rays = self.lens.rays(np.column_stack([columns.ravel(), rows.ravel()]))
         ahead = np.column_stack([rays, np.ones(len(rays))]) @ self.rotation
-        return ahead.reshape(self.height, self.width, 3).astype(np.float32)
+        return np.asarray(ahead.reshape(self.height, self.width, 3), np.float32)
 
 
 def placed(number: int, place: Placed, scale: float = 1.0) -> tuple[LensView, CameraCalibration]:
@@ -109,7 +110,7 @@ def picture_of(view: LensView, seeds: range) -> Array:
     layers = [still.still_layer(view, stage, number) for number in range(SAMPLES)]
     light = np.sum([layer.from_sky + layer.from_sun for layer in layers], axis=0) / np.float32(SAMPLES)
     shots = [develop(light, EXPOSURE_NS, np.random.default_rng(seed)).astype(float) for seed in seeds]
-    return np.rint(np.mean(shots, axis=0)).astype(np.uint8)
+    return np.asarray(np.rint(np.mean(shots, axis=0)), np.uint8)
 
 
 def write_session(
@@ -142,15 +143,15 @@ def measure_rig(rig: str, folder: Path, scale: float) -> dict[str, Any]:
     session = open_session(write_session(folder, rig, [pictures], cameras).folder)
     made = session.multiview(Multiview(instant=0, mesh=False, workspace=False))
     scene = Scene.open(session.folder)
-    moment: Moment = {}
+    moment = dict[str, SeenView]()
     within = []
     for view, lens in fisheyes:
         maps = read_arrays(made.folder / "depth" / f"{view.name}.npz")
         depth, normals = (maps[which].astype(np.float32) for which in ("depth", "normals"))
         own = scene.views[view.name].undistorted
         moment[view.name] = SeenView(own, scene.dataset.image(view.name, 0), depth, normals)
-        straight = with_lens(view, straight_lens(lens))
-        truth, _ = still.cast_depth(straight, _stage("still life")[0], straight.directions())
+        redrawn = with_lens(view, straight_lens(lens))
+        truth, _ = still.cast_depth(redrawn, _stage("still life")[0], redrawn.directions())
         within.append(float((np.abs(depth[truth > 0] / truth[truth > 0] - 1) < 0.02).mean()))
     gaussians, _ = optimize(make_gaussians(moment, find_backdrop(moment)), moment, ITERATIONS)
     found = dict[str, list[float]](view=[], splat=[])
@@ -184,9 +185,9 @@ def board_rays() -> list[Array]:
 
 def board_picture(lens: CameraCalibration, turn: Array, middle: Array, noise: np.random.Generator) -> Array:
     """Render the board, turned and with its middle at a place in the rig, on white paper before grey."""
-    paper = cv2.copyMakeBorder(
-        DEFAULT_BOARD.picture(SQUARE_PX), *[SQUARE_PX] * 4, cv2.BORDER_CONSTANT, value=255
-    )
+    margin, border = SQUARE_PX, cv2.BORDER_CONSTANT
+    board = DEFAULT_BOARD.picture(SQUARE_PX)
+    paper = np.asarray(cv2.copyMakeBorder(board, margin, margin, margin, margin, border, value=255))
     to_px = SQUARE_PX / DEFAULT_BOARD.square_m
     rotation, translation = np.array(lens.rotation), np.array(lens.translation)
     start = (-rotation.T @ translation - middle) @ turn
@@ -196,13 +197,13 @@ def board_picture(lens: CameraCalibration, turn: Array, middle: Array, noise: np
         away = -start[2] / ahead[:, 2]
         at = (start[:2] + away[:, None] * ahead[:, :2]) * to_px + np.array(paper.shape[::-1]) / 2 - 0.5
         at[away <= 0] = -SQUARE_PX
-        maps = np.ascontiguousarray(at.T.astype(np.float32)).reshape(2, SIZE[1], SIZE[0])
-        shades.append(cv2.remap(paper, *maps, cv2.INTER_LINEAR, borderValue=110))
+        xs, ys = np.ascontiguousarray(at.T.astype(np.float32)).reshape(2, SIZE[1], SIZE[0])
+        shades.append(cv2.remap(paper, xs, ys, cv2.INTER_LINEAR, borderValue=110))
     grey = 20 + 0.8 * np.mean(shades, axis=0) + noise.normal(0, 2, SIZE[::-1])
-    return np.repeat(grey.clip(0, 255).astype(np.uint8)[..., None], 3, axis=2)
+    return np.asarray(np.repeat(grey.clip(0, 255)[..., None], 3, axis=2), np.uint8)
 
 
-def measure_board(folder: Path) -> list[dict[str, Any]]:
+def measure_board(folder: Path, lens_model: LensModel) -> list[dict[str, Any]]:
     """Return each camera's errors of a calibration from a board."""
     cameras = {view.name: lens for view, lens in (placed(n, place) for n, place in enumerate(RIG))}
     noise, pictures = np.random.default_rng(3), []
@@ -216,7 +217,9 @@ def measure_board(folder: Path) -> list[dict[str, Any]]:
         at = to_rig @ (there - np.array(near.translation))
         pictures.append({name: board_picture(lens, turn, at, noise) for name, lens in cameras.items()})
     session = write_session(folder, "board", pictures, {})
-    made = calibrate(session.folder, CalibrateOptions(source=CalibrationSource.BOARD, keep=False))
+    made = calibrate(
+        session.folder, CalibrateOptions(source=CalibrationSource.BOARD, lens=lens_model, keep=False)
+    )
     found = Session.open(session.folder).calibration()
     assert found is not None
     return [
@@ -247,11 +250,12 @@ def main() -> None:
     parser = new_parser(__doc__)
     parser.add_argument("--only", choices=("board", "view"), help="one of both")
     parser.add_argument("--scale", type=float, default=0.5, help="of the images of `view` (0.5)")
+    parser.add_argument("--lens", choices=[*LensModel], default="auto", help="as of calibrate (auto)")
     asked = parser.parse_args()
     board, rows = list[dict[str, Any]](), list[dict[str, Any]]()
     with tempfile.TemporaryDirectory() as scratch:
         if asked.only != "view":
-            board = measure_board(Path(scratch))
+            board = measure_board(Path(scratch), LensModel(asked.lens))
             print_report(
                 {"board": board}, lambda it: print_rows(it["board"], BOARD_COLUMNS), as_json=asked.json
             )

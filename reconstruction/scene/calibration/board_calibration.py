@@ -40,7 +40,7 @@ BUNDLE_MOMENTS_EACH, BUNDLE_MOMENTS = 20, 150
 """Maximum moments of each camera and pair, and in total, in the adjustment; its time is cubic in them."""
 
 
-FISHEYE_PX = 0.4
+FISHEYE_PX = 0.1
 """RMS residual of the perspective model above which the fisheye model is tried."""
 CLEARLY_LESS = 0.75
 """Maximum residual of the fisheye model, relative to the perspective one's, for a lens to be a fisheye."""

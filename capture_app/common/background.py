@@ -15,7 +15,8 @@ import sys
 def main() -> None:
     """Run the module named by the second argument."""
     parent = os.getppid()
-    os.nice(int(sys.argv[1]))
+    # Root's rigs run above the others, and what they start would, too.
+    os.nice(max(0, int(sys.argv[1]) - os.nice(0)))
     _end_with(parent)
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     del sys.argv[:2]

@@ -24,6 +24,11 @@ settings.load_profile("ci" if os.environ.get("CI") else "untimed")
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
+# Screens are those of a terminal with all colors on this machine, wherever the tests are started.
+os.environ["COLORTERM"] = "truecolor"
+for name in ("NO_COLOR", "SSH_CONNECTION", "SSH_TTY"):
+    os.environ.pop(name, None)
+
 # Several tests run at a time, as many as there are cores. Set before numpy and OpenCV are imported.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("OPENCV_FOR_THREADS_NUM", "1")

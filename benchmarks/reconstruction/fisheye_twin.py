@@ -21,7 +21,7 @@ import cv2
 import msgspec
 import numpy as np
 
-from benchmarks.reconstruction.rendered_rigs import EXPOSURE_NS, Placed, _stage, _view
+from benchmarks.reconstruction.rendered_rigs import EXPOSURE_NS, Placed, light_of, make_stage, place_view
 from benchmarks.report import new_parser, print_report, print_rows, talk
 from capture_app.board.boards import DEFAULT_BOARD
 from capture_app.plugins.cameras.sim.rendering import layers as still
@@ -87,7 +87,7 @@ class LensView(still.View):
 
 def placed(number: int, place: Placed, scale: float = 1.0) -> tuple[LensView, CameraCalibration]:
     """Return a fisheye at a place, with images of the full size times `scale`."""
-    view = _view(f"cam{number:02d}", place, 1.0)
+    view = place_view(f"cam{number:02d}", place, 1.0)
     pose = view.calibration()
     lens = CameraCalibration(rotation=pose.rotation, translation=pose.translation, **FISHEYE)
     size = round(SIZE[0] * scale), round(SIZE[1] * scale)
@@ -106,9 +106,7 @@ def with_lens(view: still.View, lens: CameraCalibration) -> LensView:
 
 def picture_of(view: LensView, seeds: range) -> Array:
     """Render what a camera sees, the mean of an exposure with the noise of each seed."""
-    stage = _stage("still life")[0]
-    layers = [still.still_layer(view, stage, number) for number in range(SAMPLES)]
-    light = np.sum([layer.from_sky + layer.from_sun for layer in layers], axis=0) / np.float32(SAMPLES)
+    light = light_of(view, make_stage("still life")[0], SAMPLES)
     shots = [develop(light, EXPOSURE_NS, np.random.default_rng(seed)).astype(float) for seed in seeds]
     return np.asarray(np.rint(np.mean(shots, axis=0)), np.uint8)
 
@@ -151,7 +149,7 @@ def measure_rig(rig: str, folder: Path, scale: float) -> dict[str, Any]:
         own = scene.views[view.name].undistorted
         moment[view.name] = SeenView(own, scene.dataset.image(view.name, 0), depth, normals)
         redrawn = with_lens(view, straight_lens(lens))
-        truth, _ = still.cast_depth(redrawn, _stage("still life")[0], redrawn.directions())
+        truth, _ = still.cast_depth(redrawn, make_stage("still life")[0], redrawn.directions())
         within.append(float((np.abs(depth[truth > 0] / truth[truth > 0] - 1) < 0.02).mean()))
     gaussians, _ = optimize(make_gaussians(moment, find_backdrop(moment)), moment, ITERATIONS)
     found = dict[str, list[float]](view=[], splat=[])

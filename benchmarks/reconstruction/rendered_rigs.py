@@ -116,13 +116,12 @@ class RenderedRig:
 
 def render_rig(name: str, rig: Rig, *, scale: float = 1.0, samples: int = 2) -> RenderedRig:
     """Render all images and truths of a rig, at `scale`, with `samples` (1 to 4) of each pixel."""
-    stage, meshes, things = _stage(rig.shows)
+    stage, meshes, things = make_stage(rig.shows)
     rendered = RenderedRig(name, {}, {}, {}, {}, meshes)
     for number, placed in enumerate(rig.cameras):
         camera = f"cam{number:02d}"
-        view = _view(camera, placed, scale)
-        layers = [still.still_layer(view, stage, number) for number in range(samples)]
-        light = np.sum([layer.from_sky + layer.from_sun for layer in layers], axis=0) / np.float32(samples)
+        view = place_view(camera, placed, scale)
+        light = light_of(view, stage, samples)
         depth, thing = still.cast_depth(view, stage, view.directions())
         if rig.turned:
             light = np.where((things[thing] == OBJECT)[..., None], light, _cloth(*depth.shape))
@@ -144,7 +143,16 @@ def _cloth(height: int, width: int) -> Array:
     return np.asarray(cv2.resize(LINEAR[picture], (width, height), interpolation=cv2.INTER_AREA))
 
 
-def _view(name: str, placed: Placed, scale: float) -> RenderedView:
+def light_of(view: RenderedView, stage: Body, samples: int) -> Array:
+    """Return the light that a camera sees (H, W, 3), the mean of `samples` (1 to 4) of each pixel."""
+    layers = [still.still_layer(view, stage, number) for number in range(samples)]
+    return np.asarray(
+        np.sum([layer.from_sky + layer.from_sun for layer in layers], axis=0) / np.float32(samples)
+    )
+
+
+def place_view(name: str, placed: Placed, scale: float) -> RenderedView:
+    """Return the renderer's camera at a place, with images of its size times `scale`."""
     round_, up = np.radians([placed.round_deg, placed.up_deg])
     ahead = np.array([np.sin(round_) * np.cos(up), np.sin(up), np.cos(round_) * np.cos(up)])
     right = np.cross([0.0, 1.0, 0.0], ahead)
@@ -157,7 +165,7 @@ def _view(name: str, placed: Placed, scale: float) -> RenderedView:
 
 
 @cache
-def _stage(shows: str) -> tuple[Body, list[Mesh], Array]:
+def make_stage(shows: str) -> tuple[Body, list[Mesh], Array]:
     """Return the rendered body, its meshes, and for each object index whether it is the measured object."""
     rng = np.random.default_rng(5)
     pictures = {

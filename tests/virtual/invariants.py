@@ -571,7 +571,17 @@ def misjudged(times: Iterable[tuple[int, TimeError]]) -> Iterator[str]:
 
 def _at_least(count: int, of: int, chance: float) -> float:
     """Return the probability of so many of so many, each with that chance."""
-    return sum(math.comb(of, n) * chance**n * (1 - chance) ** (of - n) for n in range(count, of + 1))
+    # Of more than a thousand, the number of choices is beyond a float's range.
+    return sum(
+        math.exp(
+            math.lgamma(of + 1)
+            - math.lgamma(n + 1)
+            - math.lgamma(of - n + 1)
+            + n * math.log(chance)
+            + (of - n) * math.log1p(-chance)
+        )
+        for n in range(count, of + 1)
+    )
 
 
 def _said(rig: VirtualRig, sessions: Sessions) -> Iterator[str]:

@@ -292,13 +292,18 @@ def is_guess(source: str) -> bool:
     return GUESS in source or UNCONFIRMED in source
 
 
+def _placed(rec: Any) -> list[Any]:
+    """Return the images of a model that have a pose, one of each camera."""
+    return [image for image in rec.images.values() if image.has_pose]
+
+
 def lie_flat(rec: Any) -> bool:
     """Return whether what any two cameras of a model see determines no geometry; see `fit_one_plane`.
 
     By rays, as pixels of a straight lens: what lies in a plane bends in a fisheye's image.
     """
     seen = []
-    for image in {image.camera_id: image for image in rec.images.values() if image.has_pose}.values():
+    for image in _placed(rec):
         points = [point for point in image.points2D if point.has_point3D()]
         rays = image.camera.cam_from_img(np.array([point.xy for point in points]).reshape(-1, 2))
         near = (rays**2).sum(1) < MAX_BENT
@@ -317,7 +322,7 @@ def focal_errors(pycolmap: Any, rec: Any) -> list[float]:
     other focal lengths: a scene with little depth has several that fit as well, each with a small covariance.
     Principal points count as known, and lenses as having one distortion term.
     """
-    shown = [image for image in rec.images.values() if image.has_pose]
+    shown = _placed(rec)
     if len(shown) < MIN_TO_SEPARATE_LENSES:
         return []
     config = pycolmap.BundleAdjustmentConfig()
@@ -452,7 +457,7 @@ def _largest(models: dict[int, Any]) -> Any | None:
 
 def _cameras(rec: Any, dataset: Dataset) -> dict[str, CameraCalibration]:
     """Return the calibration of each camera with a pose."""
-    placed = {image.name.split("/")[0]: image for image in rec.images.values() if image.has_pose}
+    placed = {image.name.split("/")[0]: image for image in _placed(rec)}
     return {
         name: _calibration(placed[name], dataset.size(name)) for name in dataset.cameras if name in placed
     }

@@ -49,7 +49,7 @@ from reconstruction.methods.multiview.sweep_matcher import ViewDepth
 from reconstruction.pages.embedding import InstantClouds, embed_image, view_clouds
 from reconstruction.pages.page import Section, render_page, write_page
 from reconstruction.scene.calibration.consistency import turn_error
-from reconstruction.scene.calibration.structure_from_motion import unconfirmed_lenses
+from reconstruction.scene.calibration.structure_from_motion import no_measurement
 from reconstruction.scene.conditions import Condition
 from reconstruction.scene.scene import Scene
 
@@ -74,12 +74,12 @@ class MadeMultiview(Made[MultiviewResult]):
         """Return the probability that depth is within 2 % of the true one, float32; 0 where it is unknown.
 
         Raises:
-            NotAvailableError: COLMAP matched, whose maps have none, or no image confirms the lenses.
+            NotAvailableError: COLMAP matched, whose maps have none, or the lenses are not known to 2 %.
         """
         if (confidence := self._view(camera).get(CONFIDENCE)) is None:
             raise NotAvailableError(
                 f"the depth of {camera} has no confidence: "
-                "COLMAP's PatchMatch does not report any, and lenses that no image confirms allow none",
+                "COLMAP's PatchMatch does not report any, and lenses that are not known to 2 % allow none",
                 hint="compute it with --matcher sweep, by a calibration from a board",
             )
         return confidence.astype(np.float32)
@@ -128,7 +128,7 @@ def model_instant(
     checked, confidence, ends = None, dict[str, Array](), dict[str, tuple[float, float]]()
     if options.check:
         checked = check_images(maps_found.usable)
-        if not unconfirmed_lenses(scene.source):
+        if not no_measurement(scene.source):
             confidence, ends = measure_confidence(images, sources, maps, checked.error_px, scene.scale_error)
     misfit_px = None if checked is None else checked.error_px
     views, pictures = image_views(images), image_colours(images)

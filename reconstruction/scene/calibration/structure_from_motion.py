@@ -282,9 +282,10 @@ def unconfirmed_lenses(source: str, *, rough: bool = False) -> str:
 
 
 def no_measurement(source: str) -> str:
-    """Return the warning about depth by a calibration with this source; empty if its lenses are confirmed."""
-    lenses = unconfirmed_lenses(source)
-    return f"warning: this depth is not a measurement: {lenses}; calibrate with a board" if lenses else ""
+    """Return the warning about depth by a calibration with this source; empty if it knows its lenses."""
+    lenses = unconfirmed_lenses(source, rough=True)
+    what = "inaccurate" if lenses.startswith(ROUGH) else "not a measurement"
+    return f"warning: this depth is {what}: {lenses}; calibrate with a board" if lenses else ""
 
 
 def is_guess(source: str) -> bool:

@@ -442,7 +442,7 @@ def upside_down(view: View) -> View:
     return replace(
         view,
         matrix=matrix,
-        distortion=view.distortion * np.array([1, 1, -1, -1, 1]),
+        distortion=view.distortion * (1 if view.is_fisheye else np.array([1, 1, -1, -1, 1])),
         rotation=rotation_180 @ view.rotation,
         translation=rotation_180 @ view.translation,
     )

@@ -62,7 +62,7 @@ RIG = tuple(Placed(8.0 * k, 10.0 + 2 * (k % 2), 1.3) for k in (-2, -1, 0, 1, 2))
 HELD = tuple(Placed(*place, 1.3) for place in ((-12.0, 11.0), (4.0, 11.0), (0.0, 18.0), (20.0, 11.0)))
 """Places of held-out views: two between cameras, one above and one beyond them."""
 NOISE_MEANS, SAMPLES, BOARDS, ITERATIONS, SQUARE_PX = 8, 4, 20, 5, 70
-RIGS = "fisheye", "perspective", "as many pixels"
+RIGS = "fisheye", "perspective", "as-many-pixels"
 COLUMNS = {
     "rig": ("rig", ""),
     "within_2pct": ("depth within 2 %", ".1%"),
@@ -143,7 +143,7 @@ def measure_rig(rig: str, folder: Path, scale: float) -> dict[str, Any]:
     cameras = {view.name: lens for view, lens in fisheyes}
     if rig != "fisheye":
         cameras = {name: straight_lens(lens) for name, lens in cameras.items()}
-    if rig == "as many pixels":
+    if rig == "as-many-pixels":
         used = 1 - unused_part(fisheyes[0][1])
         cameras = {name: resized(lens, used**0.5) for name, lens in cameras.items()}
     views = {view.name: with_lens(view, cameras[view.name]) for view, _ in fisheyes}

@@ -42,7 +42,7 @@ BUNDLE_MOMENTS_EACH, BUNDLE_MOMENTS = 20, 150
 
 FISHEYE_PX = 0.1
 """RMS residual of the perspective model above which the fisheye model is tried."""
-CLEARLY_BETTER = 1.8
+CLEARLY_BETTER = 2.0
 """Standard deviations of Wilcoxon's signed ranks (1945) of both models' squared residuals, by pictures, from
 which a lens is a fisheye. Eight real perspective lenses have at most 1.0, five rendered fisheyes at least
 2.3. Ranks, as a single picture in which one model finds a wrong pose outweighs the others."""
@@ -104,10 +104,11 @@ def calibrate_lens(
         plain, plain_squares = _adjusted_lens(size, plain, sightings)
         if _signed_ranks(plain_squares - squares) < CLEARLY_BETTER:
             return plain
-        rms_px = np.sqrt(np.array([squares.sum(), plain_squares.sum()]) / 2 / sum(map(len, pixels)))
         talk(
             "{} has a fisheye: the corners fit that model within {:.2f} px, and a perspective lens within "
-            "{:.2f} px".format(name, *rms_px)
+            "{:.2f} px".format(
+                name, *np.sqrt([of.sum() / 2 / sum(map(len, pixels)) for of in (squares, plain_squares)])
+            )
         )
     return lens
 

@@ -7,7 +7,8 @@
 Both rigs are rendered at the same places; the still life of `rendered_rigs`. `board`: `calibrate --from
 board` from pictures of a ChArUco board, rendered too, 640x480 px. `view`, at half the size: depth within 2 %
 of the truth where the redrawn images see, and the PSNR of views and splats from places between, above and
-beyond the cameras. Simulated.
+beyond the cameras. The third rig is the second one with as many pixels in the field as the fisheyes have
+there. Simulated.
 """
 
 import tempfile
@@ -26,7 +27,7 @@ from benchmarks.report import new_parser, print_report, print_rows, talk
 from capture_app.board.boards import DEFAULT_BOARD
 from capture_app.plugins.cameras.sim.rendering import layers as still
 from capture_app.plugins.cameras.sim.rendering.scene import develop
-from capture_app.session.exporting.pinhole import straight_lens
+from capture_app.session.exporting.pinhole import straight_lens, unused_part
 from capture_app.session.files.untrusted_files import read_arrays
 from capture_app.session.format.calibration import Calibration, CameraCalibration
 from capture_app.session.format.lens import Lens, lens_of
@@ -61,6 +62,7 @@ RIG = tuple(Placed(8.0 * k, 10.0 + 2 * (k % 2), 1.3) for k in (-2, -1, 0, 1, 2))
 HELD = tuple(Placed(*place, 1.3) for place in ((-12.0, 11.0), (4.0, 11.0), (0.0, 18.0), (20.0, 11.0)))
 """Places of held-out views: two between cameras, one above and one beyond them."""
 NOISE_MEANS, SAMPLES, BOARDS, ITERATIONS, SQUARE_PX = 8, 4, 20, 5, 70
+RIGS = "fisheye", "perspective", "as-many-pixels"
 COLUMNS = {
     "rig": ("rig", ""),
     "within_2pct": ("depth within 2 %", ".1%"),
@@ -90,12 +92,17 @@ def placed(number: int, place: Placed, scale: float = 1.0) -> tuple[LensView, Ca
     view = place_view(f"cam{number:02d}", place, 1.0)
     pose = view.calibration()
     lens = CameraCalibration(rotation=pose.rotation, translation=pose.translation, **FISHEYE)
-    size = round(SIZE[0] * scale), round(SIZE[1] * scale)
+    lens = resized(lens, scale)
+    return with_lens(view, lens), lens
+
+
+def resized(lens: CameraCalibration, scale: float) -> CameraCalibration:
+    """Return a lens with images of its size times `scale`."""
+    size = round(lens.width * scale), round(lens.height * scale)
     matrix = lens.matrix(*size)
     changes = {"fx": matrix[0, 0], "fy": matrix[1, 1], "cx": matrix[0, 2], "cy": matrix[1, 2]}
     floats = {key: float(value) for key, value in changes.items()}
-    lens = msgspec.structs.replace(lens, width=size[0], height=size[1], **floats)
-    return with_lens(view, lens), lens
+    return msgspec.structs.replace(lens, width=size[0], height=size[1], **floats)
 
 
 def with_lens(view: still.View, lens: CameraCalibration) -> LensView:
@@ -134,8 +141,11 @@ def measure_rig(rig: str, folder: Path, scale: float) -> dict[str, Any]:
     """Return a row of figures of one of the rigs."""
     fisheyes = [placed(number, place, scale) for number, place in enumerate(RIG)]
     cameras = {view.name: lens for view, lens in fisheyes}
-    if rig == "perspective":
+    if rig != "fisheye":
         cameras = {name: straight_lens(lens) for name, lens in cameras.items()}
+    if rig == "as-many-pixels":
+        used = 1 - unused_part(fisheyes[0][1])
+        cameras = {name: resized(lens, used**0.5) for name, lens in cameras.items()}
     views = {view.name: with_lens(view, cameras[view.name]) for view, _ in fisheyes}
     pictures = {name: picture_of(view, range(n, n + 1)) for n, (name, view) in enumerate(views.items())}
     session = open_session(write_session(folder, rig, [pictures], cameras).folder)
@@ -148,7 +158,7 @@ def measure_rig(rig: str, folder: Path, scale: float) -> dict[str, Any]:
         depth, normals = (maps[which].astype(np.float32) for which in ("depth", "normals"))
         own = scene.views[view.name].undistorted
         moment[view.name] = SeenView(own, scene.dataset.image(view.name, 0), depth, normals)
-        redrawn = with_lens(view, straight_lens(lens))
+        redrawn = with_lens(view, straight_lens(lens) if rig == "fisheye" else cameras[view.name])
         truth, _ = still.cast_depth(redrawn, make_stage("still life")[0], redrawn.directions())
         within.append(float((np.abs(depth[truth > 0] / truth[truth > 0] - 1) < 0.02).mean()))
     gaussians, _ = optimize(make_gaussians(moment, find_backdrop(moment)), moment, ITERATIONS)
@@ -258,7 +268,7 @@ def main() -> None:
                 {"board": board}, lambda it: print_rows(it["board"], BOARD_COLUMNS), as_json=asked.json
             )
         if asked.only != "board":
-            rows = [measure_rig(rig, Path(scratch), asked.scale) for rig in ("fisheye", "perspective")]
+            rows = [measure_rig(rig, Path(scratch), asked.scale) for rig in RIGS]
             print_report({"rows": rows}, lambda it: print_rows(it["rows"], COLUMNS), as_json=asked.json)
 
 

@@ -53,12 +53,15 @@ def reconstruct(*words: object) -> tuple[dict[str, Any], str]:
     return (json.loads(done.stdout) if done.returncode == 0 else {}), done.stderr
 
 
-def true_fraction(session: Path, found: dict[str, Any], folder: Path) -> float:
-    """Return the fraction of all pixels within 2 % of the true depth, at the best scale, over all cameras."""
+def true_fraction(session: Path, found: dict[str, Any], folder: Path) -> float | None:
+    """Return the fraction of all pixels within 2 % of the true depth, at the best scale, over all cameras.
+
+    None if there is no depth, or the session has no truth.
+    """
     dataset, fractions = Dataset.open(session), []
-    for view in found["views"]:
-        truth = dataset.ground_truth(view["camera"], INSTANT)
-        assert truth is not None
+    for view in found.get("views", ()):
+        if (truth := dataset.ground_truth(view["camera"], INSTANT)) is None:
+            return None
         depth = np.load(folder / view["depth"])["depth"]
         rows, columns = (
             ((np.arange(n) + 0.5) * m / n).astype(int)
@@ -69,7 +72,7 @@ def true_fraction(session: Path, found: dict[str, Any], folder: Path) -> float:
         scales = np.arange(-0.5, 0.5, 0.005) + np.median(logs)
         best = max(int((np.abs(logs - scale) < 0.02).sum()) for scale in scales)
         fractions.append(best / (truth[0] > 0).sum() * truth[0].size / depth.size)
-    return float(np.mean(fractions))
+    return float(np.mean(fractions)) if fractions else None
 
 
 def kind_of(words: str) -> str:
@@ -78,6 +81,7 @@ def kind_of(words: str) -> str:
         ("No clear difference", "no difference"),
         ("gives no verdict", "none"),
         ("is found for", "difference"),
+        ("agree on for", "difference"),
     ):
         if text in words:
             return kind
@@ -140,7 +144,7 @@ def measure(scene: str, error_pct: float | None, scratch: Path, rows: list[dict[
     )
     row["expected"] = depth.get("expected_within_2pct")
     row["multiview_text"] = said[-600:]
-    row["true"] = true_fraction(session, depth, folder) if depth else None
+    row["true"] = true_fraction(session, depth, folder)
     for one in ("compare", "depth"):
         shutil.rmtree(scratch / one, ignore_errors=True)
     talk(json.dumps(row))
@@ -155,7 +159,7 @@ def judge(rows: list[dict[str, Any]]) -> None:
         tolerated, truly = row.get("tolerance"), right["tolerance"]
         if tolerated is not None and (truly is None or not 0.5 < tolerated / truly < 2):
             wrong.append("tolerance")
-        if row.get("expected") is not None and row["expected"] > row["true"] + MAX_TOO_SURE:
+        if None not in (row.get("expected"), row["true"]) and row["expected"] > row["true"] + MAX_TOO_SURE:
             wrong.append("expected")
         row["wrong"] = ", ".join(wrong)
 

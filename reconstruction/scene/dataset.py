@@ -431,4 +431,5 @@ class Dataset:
                 f"{path} is {on_disk[0]}x{on_disk[1]}, but {camera} is {size[0]}x{size[1]}",
                 hint="restore the image from a copy, or import the recording again",
             )
-        return self._straighten(camera, image, cv2.INTER_LINEAR)
+        # A bilinear image is blurred once more when views are drawn from it, by 0.3 dB.
+        return self._straighten(camera, image, cv2.INTER_CUBIC)

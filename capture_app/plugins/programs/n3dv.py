@@ -14,7 +14,7 @@ from capture_app.session.exporting.point_cloud import read_ply, write_ply
 from capture_app.session.exporting.starting_points import scatter_points
 from capture_app.session.exporting.videos import at_instants, spacing_notes, write_camera
 from capture_app.session.format.calibration import CameraCalibration
-from capture_app.session.format.lens import picture_rays, project_rays, redrawing
+from capture_app.session.format.lens import lens_of, picture_rays, redrawing
 
 WIDTH, HEIGHT = 2704, 2028
 """Size of Neural 3D Video's own videos; its loaders assume this size for every video and scale by it."""
@@ -88,7 +88,7 @@ def _bounds(near: float | None, far: float | None, depth: float) -> tuple[float,
 
 def _fraction_shown(camera: CameraCalibration, film: CameraCalibration) -> float:
     """Return the fraction of a camera's image that its video shows."""
-    seen = project_rays(film, picture_rays(camera))
+    seen = lens_of(film).project(picture_rays(camera))
     return float(((seen > -0.51) & (seen < [WIDTH - 0.49, HEIGHT - 0.49])).all(axis=1).mean())
 
 

@@ -13,7 +13,6 @@ from capture_app.session.format.lens import (
     centre_of,
     lens_of,
     nearest_point,
-    project_rays,
     rotation_of,
 )
 
@@ -95,7 +94,7 @@ def min_focal(camera: CameraCalibration, width: int, height: int) -> float:
     half = np.array([camera.width, camera.height]) / 2
 
     def fills(focal: float) -> bool:
-        seen = project_rays(camera, np.array(edge) / focal)
+        seen = lens_of(camera).project(np.array(edge) / focal)
         return bool((np.abs(seen - (half - 0.5)) <= half + 1e-6).all())
 
     # Search from a narrow view outwards: far outside its image a lens's polynomial may map rays back into it.

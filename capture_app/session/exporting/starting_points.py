@@ -13,9 +13,9 @@ from capture_app.session.format.lens import (
     Array,
     Picture,
     centre_of,
+    lens_of,
     matrix_of,
     picture_rays,
-    project_rays,
     rays_of,
     rotation_of,
     translation_of,
@@ -75,7 +75,7 @@ def visible_pixels(lens: CameraCalibration, points: Array) -> Array:
     with np.errstate(all="ignore"):
         rays = np.stack([x, y], axis=1) / np.where(z > 0, z, np.nan)[:, None]
         edge = picture_rays(lens)
-        pixels = project_rays(lens, rays)
+        pixels = lens_of(lens).project(rays)
         # Beyond its field of view a lens polynomial may turn back into the picture.
         inside = ((rays >= edge.min(0)) & (rays <= edge.max(0))).all(1)
         inside &= ((pixels >= -0.5) & (pixels < (lens.width - 0.5, lens.height - 0.5))).all(1)

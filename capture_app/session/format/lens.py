@@ -233,11 +233,6 @@ def rodrigues(rotation: Array) -> list[float]:
     return [float(value) for value in cv2.Rodrigues(rotation)[0].ravel()]
 
 
-def project_rays(camera: CameraCalibration, rays: Array) -> Array:
-    """Project rays (n, 2), x/z and y/z in the camera, to pixels (n, 2) of its lens's model."""
-    return lens_of(camera).project(rays)
-
-
 def rays_of(camera: CameraCalibration, pixels: Array) -> Array:
     """Return the rays (n, 2) of pixels (n, 2); NaN where the lens model has none."""
     lens = lens_of(camera)
@@ -262,21 +257,21 @@ def without_k3(camera: CameraCalibration) -> tuple[CameraCalibration, float]:
     if not distortion_of(camera)[4]:
         return camera, 0.0
     rays = picture_rays(camera)
-    seen = project_rays(camera, rays)
+    seen = lens_of(camera).project(rays)
     fitted = msgspec.structs.replace(camera, distortion=(*map(float, distortion_of(camera)[:4]), 0.0))
     for _ in range(_STEPS):
         slopes = _slopes(fitted, rays)
         scale = np.linalg.norm(slopes, axis=0)
-        step = np.linalg.lstsq(slopes / scale, (seen - project_rays(fitted, rays)).ravel())[0] / scale
+        step = np.linalg.lstsq(slopes / scale, (seen - lens_of(fitted).project(rays)).ravel())[0] / scale
         fx, fy, cx, cy, *given = (np.array(_parameters(fitted)) + step).tolist()
         fitted = msgspec.structs.replace(fitted, fx=fx, fy=fy, cx=cx, cy=cy, distortion=(*given, 0.0))
         if np.abs(step[:4]).max() < 1e-9:
             break
-    worst = float(np.linalg.norm(seen - project_rays(fitted, rays), axis=1).max())
+    worst = float(np.linalg.norm(seen - lens_of(fitted).project(rays), axis=1).max())
     if not worst < max(camera.width, camera.height) or min(fitted.fx, fitted.fy) <= 0:
         # The fit failed: then images are redrawn without any distortion instead.
         fitted = msgspec.structs.replace(camera, distortion=(0.0,) * 5)
-        worst = float(np.linalg.norm(seen - project_rays(fitted, rays), axis=1).max())
+        worst = float(np.linalg.norm(seen - lens_of(fitted).project(rays), axis=1).max())
     return fitted, worst
 
 

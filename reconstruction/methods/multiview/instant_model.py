@@ -48,8 +48,8 @@ from reconstruction.methods.multiview.still_scene import StillScene
 from reconstruction.methods.multiview.sweep_matcher import ViewDepth
 from reconstruction.pages.embedding import InstantClouds, embed_image, view_clouds
 from reconstruction.pages.page import Section, render_page, write_page
-from reconstruction.scene.calibration.consistency import turn_error
-from reconstruction.scene.calibration.structure_from_motion import unconfirmed_lenses
+from reconstruction.scene.calibration.consistency import CalibrationCheck, turn_error
+from reconstruction.scene.calibration.structure_from_motion import no_measurement
 from reconstruction.scene.conditions import Condition
 from reconstruction.scene.scene import Scene
 
@@ -74,12 +74,12 @@ class MadeMultiview(Made[MultiviewResult]):
         """Return the probability that depth is within 2 % of the true one, float32; 0 where it is unknown.
 
         Raises:
-            NotAvailableError: COLMAP matched, whose maps have none, or no image confirms the lenses.
+            NotAvailableError: COLMAP matched, whose maps have none, or the lenses are not known to 2 %.
         """
         if (confidence := self._view(camera).get(CONFIDENCE)) is None:
             raise NotAvailableError(
                 f"the depth of {camera} has no confidence: "
-                "COLMAP's PatchMatch does not report any, and lenses that no image confirms allow none",
+                "COLMAP's PatchMatch does not report any, and lenses that are not known to 2 % allow none",
                 hint="compute it with --matcher sweep, by a calibration from a board",
             )
         return confidence.astype(np.float32)
@@ -128,8 +128,8 @@ def model_instant(
     checked, confidence, ends = None, dict[str, Array](), dict[str, tuple[float, float]]()
     if options.check:
         checked = check_images(maps_found.usable)
-        if not unconfirmed_lenses(scene.source):
-            confidence, ends = measure_confidence(images, sources, maps, checked.error_px, scene.scale_error)
+        if not no_measurement(scene.source):
+            confidence, ends = measure_confidence(images, sources, maps, checked, scene.scale_error)
     misfit_px = None if checked is None else checked.error_px
     views, pictures = image_views(images), image_colours(images)
     progress.step("fusing the maps into a cloud")
@@ -170,6 +170,7 @@ def model_instant(
         **{name: getattr(own, name) for name in FIGURES},
         expected_range=ends.get(reference),
         rest_error_px=None if misfit_px is None else round(misfit_px, 3),
+        rest_errors_px={} if checked is None else {c: round(px, 3) for c, px in checked.errors_px.items()},
         rest_points=0 if checked is None else checked.points,
         turn_error=turn_error(views[reference], others[0], depth) if len(others) == 1 else None,
         scale_error=round(scene.scale_error, 4),
@@ -212,20 +213,20 @@ def measure_confidence(
     images: Mapping[str, InputImage],
     sources: Mapping[str, Sequence[str]],
     maps: Mapping[str, ViewDepth],
-    misfit_px: float | None,
+    checked: CalibrationCheck,
     scale_error: float,
 ) -> tuple[dict[str, Array], dict[str, tuple[float, float]]]:
     """Return by camera the probability that depth is right, 0 where it is unknown; not of COLMAP's maps.
 
     The second value is the range of its mean, by camera, of two cameras.
 
-    `misfit_px` is that of points at rest to the calibration, None = unknown; `scale_error` the relative
-    standard deviation of its scale.
+    `checked` has the misfits of points at rest to the calibration; `scale_error` is the relative standard
+    deviation of its scale.
     """
     calibrated = {camera: image.calibrated for camera, image in images.items()}
     files, ranges = {}, {}
     for camera, support in measure_support(calibrated, sources, maps):
-        known = maps[camera].depth > 0
+        known, misfit_px = maps[camera].depth > 0, checked.errors_px.get(camera, checked.error_px)
         sure = support.confidence(misfit_px, scale_error)
         files[camera] = np.where(known, sure, 0).astype(np.float16)
         if support.cameras == 2:

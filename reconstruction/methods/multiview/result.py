@@ -84,6 +84,8 @@ class MultiviewResult(Provenance, frozen=True, kw_only=True):
     median_error_pct: float | None = None
     rest_error_px: float | None = None
     """Misfit of points at rest to the calibration, a standard deviation; None if they are too few."""
+    rest_errors_px: dict[str, float] = field(default_factory=dict)
+    """That misfit by camera."""
     rest_points: int = 0
     turn_error: float | None = None
     """Relative error of depth by a turn that two cameras do not show; None for more cameras."""
@@ -109,7 +111,9 @@ class MultiviewResult(Provenance, frozen=True, kw_only=True):
         if warning := no_measurement(self.calibration):
             return warning
         expected = self.expected_range or self.expected_within_2pct
-        fit = describe_misfit(self.rest_error_px, self.rest_points, expected=expected)
+        fit = describe_misfit(
+            self.rest_error_px, self.rest_points, expected=expected, errors_px=self.rest_errors_px
+        )
         if self.turn_error is not None:
             fit = f"{fit}; {describe_turn(self.turn_error)}"
         if self.scale_error < UNCERTAIN_SCALE:

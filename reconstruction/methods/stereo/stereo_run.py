@@ -83,7 +83,7 @@ class StereoDepth(Provenance, frozen=True, kw_only=True):
 
     @property
     def basis(self) -> str:
-        """What the depth rests on, in words: lenses that no image confirms, or what `turn_error` means."""
+        """What the depth rests on, in words: lenses that are not known well, or what `turn_error` means."""
         turn = "" if self.turn_error is None else describe_turn(self.turn_error)
         return no_measurement(self.calibration) or turn
 

@@ -240,11 +240,14 @@ class Adjustment:
 
     def rms_px(self, values: Array) -> float:
         """Return the root mean square of the residuals, corners that were misread counted less."""
-        squares, count = 0.0, 0
-        for key in self.seen:
-            error, _, weight, _ = self._sighting(key, values)
-            squares, count = squares + float(((weight * error.ravel()) ** 2).sum()), count + error.size
-        return float(np.sqrt(squares / max(1, count)))
+        return float(
+            np.sqrt(self.squares(values).sum() / max(1, sum(at.size for _, at in self.seen.values())))
+        )
+
+    def squares(self, values: Array) -> Array:
+        """Return each sighting's sum of squared residuals, px^2, corners that were misread counted less."""
+        fits = (self._sighting(key, values) for key in self.seen)
+        return np.array([((weight * error.ravel()) ** 2).sum() for error, _, weight, _ in fits])
 
     def covariance(self, values: Array) -> Array:
         """Return the covariance of the values; 0 for those that are fixed.

@@ -42,8 +42,12 @@ BUNDLE_MOMENTS_EACH, BUNDLE_MOMENTS = 20, 150
 
 FISHEYE_PX = 0.1
 """RMS residual of the perspective model above which the fisheye model is tried."""
-CLEARLY_LESS = 0.75
-"""Maximum residual of the fisheye model, relative to the perspective one's, for a lens to be a fisheye."""
+CLEARLY_BETTER = 2.0
+"""Standard deviations of Wilcoxon's signed ranks (1945) of both models' squared residuals, by pictures, from
+which a lens is a fisheye. Eight real perspective lenses have at most 1.0, five rendered fisheyes at least
+2.3. Ranks, as a single picture in which one model finds a wrong pose outweighs the others."""
+FAILED_PX2 = 1e9
+"""Squared residuals of a picture if no lens was found."""
 FISHEYE_DEG = (100.0, 135.0, 170.0)
 """Fields of view along the longer side from which the fisheye model is fitted."""
 
@@ -76,7 +80,7 @@ def calibrate_lens(
     seen = evenly_spaced(seen, MAX_BOARDS)
     points = [board.places[sorted(corners)] for corners in seen]
     pixels = [_pixels(corners, sorted(corners)) for corners in seen]
-    plain, error_px = None, np.inf
+    plain = None
     if model is not LensModel.FISHEYE:
         start = np.eye(3), np.zeros(5)
         with suppress(cv2.error):
@@ -95,32 +99,38 @@ def calibrate_lens(
         matrix = np.diag([max(size) / np.radians(degrees)] * 2 + [1.0])
         matrix[:2, 2] = (np.array(size) - 1) / 2
         fits.append(_adjusted_lens(size, Lens(matrix, np.zeros(4), True), sightings))
+    lens, squares = min(fits, key=lambda fit: fit[1].sum())
     if plain is not None:
-        plain, error_px = _adjusted_lens(size, plain, sightings)
-    lens, fisheye_px = min(fits, key=lambda fit: fit[1])
-    if plain is not None and not fisheye_px < CLEARLY_LESS * error_px:
-        return plain
-    if model is LensModel.AUTO:
+        plain, plain_squares = _adjusted_lens(size, plain, sightings)
+        if _signed_ranks(plain_squares - squares) < CLEARLY_BETTER:
+            return plain
         talk(
-            f"{name} has a fisheye: the corners fit that model within {fisheye_px:.2f} px, and a perspective "
-            f"lens within {error_px:.2f} px"
+            "{} has a fisheye: the corners fit that model within {:.2f} px, and a perspective lens within "
+            "{:.2f} px".format(
+                name, *np.sqrt([of.sum() / 2 / sum(map(len, pixels)) for of in (squares, plain_squares)])
+            )
         )
     return lens
 
 
-def _adjusted_lens(size: tuple[int, int], lens: Lens, sightings: Sightings) -> tuple[Lens, float]:
-    """Return a lens fitted to one camera's corners, and the root mean square of their residuals, px."""
+def _signed_ranks(differences: Array) -> float:
+    """Return the sum of the differences' signed ranks in its standard deviations if none is expected."""
+    ranks = 1.0 + np.abs(differences).argsort().argsort()
+    return float((np.sign(differences) * ranks).sum() / np.sqrt((ranks**2).sum()))
+
+
+def _adjusted_lens(size: tuple[int, int], lens: Lens, sightings: Sightings) -> tuple[Lens, Array]:
+    """Return a lens fitted to one camera's corners, and each picture's sum of squared residuals, px^2."""
     ((name, _), *_) = sightings
     views = {name: View(*size, lens.matrix, lens.distortion, np.eye(3), np.zeros(3), lens.is_fisheye)}
-    rms_px = np.inf
     for terms in ({0, 1, 2, 3}, SIMPLE, {*range(8 if lens.is_fisheye else 9)}):
         adjustment = Adjustment(views, sightings, {name: terms})
         try:
             values = adjustment.solve(adjustment.start())
         except (cv2.error, np.linalg.LinAlgError):
-            return lens, np.inf
-        views, rms_px = adjustment.views_at(values), adjustment.rms_px(values)
-    return views[name].lens, rms_px
+            return lens, np.full(len(sightings), FAILED_PX2)
+        views = adjustment.views_at(values)
+    return views[name].lens, adjustment.squares(values)
 
 
 def lenses_of_recordings(

@@ -78,17 +78,18 @@ def likely_focal_lengths(
             f"no perspective lens sees {field_of_view_deg:g} degrees", hint="for fisheyes: --lens fisheye"
         )
     if field_of_view_deg is not None:
-        half = math.radians(field_of_view_deg) / 2
-        bent = half if fisheyes else math.tan(half)
-        return {name: dataset.size(name)[0] / 2 / bent for name in dataset.cameras}
+        angle = math.radians(field_of_view_deg)
+        across = angle if fisheyes else 2 * math.tan(angle / 2)
+        return {name: dataset.size(name)[0] / across for name in dataset.cameras}
     if fisheyes:
         raise BadInputError(
             "fisheyes are found from images only with their field of view",
             hint="give the horizontal one of the data sheet: --field-of-view 130",
         )
-    known = ((name, _exif_focal_35mm(dataset, name)) for name in dataset.cameras)
     return {
-        name: mm / FILM_DIAGONAL_MM * math.hypot(*dataset.size(name)) for name, mm in known if mm is not None
+        name: mm / FILM_DIAGONAL_MM * math.hypot(*dataset.size(name))
+        for name in dataset.cameras
+        if (mm := _exif_focal_35mm(dataset, name)) is not None
     }
 
 
@@ -209,8 +210,7 @@ def _contradicting(found: _Found, focal_px: Mapping[str, float]) -> Calibration:
     degrees, wrong, least = (
         field_of_view_deg(camera, of) for of in (camera.fx, likely, camera.fx * (1 + worst))
     )
-    error = degrees - least
-    text = f"{wrong:.1f} degrees were given; the pictures say {degrees:.1f} ± {error:.1f} ({name})"
+    text = f"{wrong:.1f} degrees were given; the pictures say {degrees:.1f} ± {degrees - least:.1f} ({name})"
     talk(f"{text}: the pictures are believed")
     return msgspec.structs.replace(calibration, source=f"{calibration.source}, {text}")
 
@@ -245,24 +245,21 @@ def _found(
     guess = f", {GUESS}" if advice else ""
     flat = not held and lie_flat(rec)
     errors = [] if held or flat else focal_errors(pycolmap, rec)
-    lenses = _lens_errors_text(errors, held=held, flat=flat)
     missing = ", ".join(name for name in dataset.cameras if name not in found)
     left_out = f"; not placed: {missing}" if missing else ""
-    calibration = Calibration(
+    return Calibration(
         cameras=found,
         unit="arbitrary",
         source=f"COLMAP {pycolmap.__version__}, {len(found)} of {len(dataset.cameras)} cameras from "
         f"{rec.num_points3D()} still points, {rec.compute_mean_reprojection_error():.2f} px"
-        f"{guess}{lenses}{left_out}",
-    )
-    return calibration, errors
+        f"{guess}{_lens_errors_text(errors, held=held, flat=flat)}{left_out}",
+    ), errors
 
 
 def _lens_errors_text(errors: Sequence[float], *, held: bool, flat: bool) -> str:
     """Describe the uncertainty of the focal lengths; a bar if the points determine them."""
     if errors:
-        least, most = (100 * error for error in (min(errors), max(errors)))
-        percent = f"off by up to {least:.1f} to {most:.1f} % (95 %)"
+        percent = f"off by up to {100 * min(errors):.1f} to {100 * max(errors):.1f} % (95 %)"
         if max(errors) <= SURE_LENSES:
             return f", focal lengths {percent}"
         return f", {ROUGH if max(errors) <= ROUGH_LENSES else UNCONFIRMED}: {percent}"
@@ -282,14 +279,20 @@ def unconfirmed_lenses(source: str, *, rough: bool = False) -> str:
 
 
 def no_measurement(source: str) -> str:
-    """Return the warning about depth by a calibration with this source; empty if its lenses are confirmed."""
-    lenses = unconfirmed_lenses(source)
-    return f"warning: this depth is not a measurement: {lenses}; calibrate with a board" if lenses else ""
+    """Return the warning about depth by a calibration with this source; empty if it knows its lenses."""
+    lenses = unconfirmed_lenses(source, rough=True)
+    what = "inaccurate" if lenses.startswith(ROUGH) else "not a measurement"
+    return f"warning: this depth is {what}: {lenses}; calibrate with a board" if lenses else ""
 
 
 def is_guess(source: str) -> bool:
     """Return whether the lenses of a calibration with this source rest on no more than points at rest."""
     return GUESS in source or UNCONFIRMED in source
+
+
+def _placed(rec: Any) -> list[Any]:
+    """Return the images of a model that have a pose, one of each camera."""
+    return [image for image in rec.images.values() if image.has_pose]
 
 
 def lie_flat(rec: Any) -> bool:
@@ -298,7 +301,7 @@ def lie_flat(rec: Any) -> bool:
     By rays, as pixels of a straight lens: what lies in a plane bends in a fisheye's image.
     """
     seen = []
-    for image in {image.camera_id: image for image in rec.images.values() if image.has_pose}.values():
+    for image in _placed(rec):
         points = [point for point in image.points2D if point.has_point3D()]
         rays = image.camera.cam_from_img(np.array([point.xy for point in points]).reshape(-1, 2))
         near = (rays**2).sum(1) < MAX_BENT
@@ -317,7 +320,7 @@ def focal_errors(pycolmap: Any, rec: Any) -> list[float]:
     other focal lengths: a scene with little depth has several that fit as well, each with a small covariance.
     Principal points count as known, and lenses as having one distortion term.
     """
-    shown = [image for image in rec.images.values() if image.has_pose]
+    shown = _placed(rec)
     if len(shown) < MIN_TO_SEPARATE_LENSES:
         return []
     config = pycolmap.BundleAdjustmentConfig()
@@ -393,13 +396,12 @@ def _solve(
 ) -> Any | None:
     """Return the largest model; `work` is a new folder inside the root. `held`: focal lengths are fixed."""
     root, database = work.parent, work / "database.db"
-    reader = pycolmap.ImageReaderOptions(camera_model=model)
     pycolmap.set_random_seed(0)
     pycolmap.extract_features(
         database,
         root / "images",
         camera_mode=pycolmap.CameraMode.PER_FOLDER,
-        reader_options=reader,
+        reader_options=pycolmap.ImageReaderOptions(camera_model=model),
         extraction_options=extraction,
         device=pycolmap.Device.cpu,
     )
@@ -452,7 +454,7 @@ def _largest(models: dict[int, Any]) -> Any | None:
 
 def _cameras(rec: Any, dataset: Dataset) -> dict[str, CameraCalibration]:
     """Return the calibration of each camera with a pose."""
-    placed = {image.name.split("/")[0]: image for image in rec.images.values() if image.has_pose}
+    placed = {image.name.split("/")[0]: image for image in _placed(rec)}
     return {
         name: _calibration(placed[name], dataset.size(name)) for name in dataset.cameras if name in placed
     }

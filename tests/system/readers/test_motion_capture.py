@@ -12,7 +12,7 @@ import pytest
 
 from capture_app.session.exporting.export_session import export_session
 from capture_app.session.format.calibration import Calibration, CameraCalibration
-from capture_app.session.format.lens import project_rays
+from capture_app.session.format.lens import lens_of
 from capture_app.session.reading.reader import Session
 from tests.system.readers.conftest import SIZES, in_camera, pixels, points_before
 from tests.unit.plugins.programs.conftest import Recipe, build
@@ -73,7 +73,7 @@ def test_anipose_and_caliscope_have_the_rays_of_fisheyes(tmp_path: Path) -> None
     for lens, theirs, other in zip(wide.values(), group.cameras, array.cameras.values(), strict=True):
         there = in_camera(lens, points)
         rays = there[:, :2] / there[:, 2:]
-        seen = project_rays(lens, rays)
+        seen = lens_of(lens).project(rays)
         assert np.hypot(*rays.T).max() > 1.4
         assert theirs.project(points).reshape(-1, 2) == pytest.approx(seen, abs=1e-6)
         assert theirs.undistort_points(seen) == pytest.approx(rays, abs=1e-6)

@@ -15,7 +15,7 @@ from capture_app.common.errors import BadInputError, ExitCode, IncompleteError
 from capture_app.plugins.programs.freemocap.freemocap_writer import camera_ids
 from capture_app.session.exporting.csv_tables import yaml_names
 from capture_app.session.exporting.point_cloud import PointCloud, read_ply, write_ply
-from capture_app.session.format.lens import project_rays, rays_of, without_k3
+from capture_app.session.format.lens import lens_of, rays_of, without_k3
 from capture_app.session.reading.reader import Session
 from tests.unit.plugins.programs.conftest import HEIGHT, WIDTH, Export, Make
 from tests.unit.plugins.programs.dotted import lens
@@ -177,12 +177,12 @@ def test_the_nearest_lens_without_k3() -> None:
     # A few in the corners are past the lens's turning point.
     assert 0.9 < inside.mean() < 1
     rays = every[inside]
-    assert project_rays(given, rays) == pytest.approx(pixels[inside], abs=1e-5)
-    apart = np.linalg.norm(project_rays(fitted, rays) - project_rays(given, rays), axis=1)
+    assert lens_of(given).project(rays) == pytest.approx(pixels[inside], abs=1e-5)
+    apart = np.linalg.norm(lens_of(fitted).project(rays) - lens_of(given).project(rays), axis=1)
     assert apart.max() <= worst_px
     dropped = np.linalg.norm(
-        project_rays(msgspec.structs.replace(given, distortion=(*given.distortion[:4], 0.0)), rays)
-        - project_rays(given, rays),
+        lens_of(msgspec.structs.replace(given, distortion=(*given.distortion[:4], 0.0))).project(rays)
+        - lens_of(given).project(rays),
         axis=1,
     )
     assert apart.max() < dropped.max() / 2

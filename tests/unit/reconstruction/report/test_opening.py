@@ -174,6 +174,6 @@ def test_a_fraction_that_may_be_anything_is_no_headline() -> None:
 
 
 def test_a_calibration_that_points_at_rest_do_not_fit_is_in_the_verdict() -> None:
-    for px, said in ((None, False), (0.3, False), (0.8, True)):
+    for px, said in ((None, False), (0.2, False), (0.8, True)):
         text = verdict(msgspec.structs.replace(RESULT, rest_error_px=px, rest_points=900))
         assert ("Warning: this depth is inaccurate: points at rest fit within 0.80 px" in text) == said

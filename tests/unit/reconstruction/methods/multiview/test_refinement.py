@@ -145,6 +145,15 @@ def test_a_measured_expectation_stands_in_place_of_the_simulated_rigs() -> None:
     assert "in the mean of rigs with such a misfit" in describe_misfit(0.71, 1200, expected=0.4)
 
 
+def test_a_single_camera_that_does_not_fit_is_enough_for_a_warning() -> None:
+    text = describe_misfit(0.21, 1200, errors_px={"cam01": 0.34, "cam02": 0.2})
+    start = (
+        "warning: this depth is inaccurate: points at rest fit within 0.21 px, those of cam01 within 0.34 px"
+    )
+    assert text.startswith(f"{start} (1,200 matches);")
+    assert text.endswith("calibrate the rig again, or try --refine")
+
+
 def test_two_cameras_say_a_range_instead_of_a_mean() -> None:
     assert describe_misfit(0.05, 1200, expected=(0.021, 0.803)).endswith(
         "2 to 80 % of the pixels are expected within 2 % of the true depth, "

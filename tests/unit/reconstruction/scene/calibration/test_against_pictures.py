@@ -2,9 +2,11 @@
 
 import shutil
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import msgspec
+import numpy as np
 import pytest
 
 from capture_app.session.reading.reader import Session
@@ -34,6 +36,13 @@ def calibrated(tmp_path_factory: pytest.TempPathFactory) -> Callable[[Rig], Path
 
 def test_what_is_a_little_off_is_taken(calibrated: Callable[[Rig], Path]) -> None:
     assert Scene.open(calibrated({**RIG, "c": turned(RIG["c"], pitch_px=2.0)})).given
+
+
+def test_a_fisheye_may_be_upside_down() -> None:
+    view = replace(RIG["b"], distortion=np.array([0.02, -0.01, 0.003, 0.001]), is_fisheye=True)
+    pixels = np.array([[10.0, 20.0], [150.0, 100.0]])
+    turned_pixels = (view.width - 1, view.height - 1) - pixels
+    assert upside_down(view).rays(turned_pixels)[:, :2] == pytest.approx(-view.rays(pixels)[:, :2])
 
 
 def test_of_two_cameras_either_may_be_upside_down(tmp_path: Path, reconstruct: Reconstruct) -> None:

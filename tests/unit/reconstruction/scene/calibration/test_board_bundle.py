@@ -108,8 +108,12 @@ def test_where_the_board_moved_between_the_images_lenses_are_from_each_cameras_o
         assert 100 * errors(found.views, name)[2] < found.errors[name].focal_percent
 
 
-def test_a_fisheye_that_a_perspective_lens_nearly_fits_is_found() -> None:
-    """From eight boards a perspective lens fitted its corners within 0.2 px, 17 % off in focal length."""
+@pytest.mark.parametrize("noise_px", [0.05, 0.16])
+def test_a_fisheye_that_a_perspective_lens_nearly_fits_is_found(noise_px: float) -> None:
+    """From eight boards a perspective lens fitted its corners within 0.2 px, 17 % off in focal length.
+
+    With more noise, its residual is within 25 % of the fisheye's.
+    """
     matrix = np.array([[282.0, 0, 321.3], [0, 282.0, 237.6], [0, 0, 1]])
     true = Lens(matrix, np.array([-0.02, 0.004, -0.001, 0.0003]), is_fisheye=True)
     rng, seen = np.random.default_rng(3), list[dict[int, Array]]()
@@ -120,10 +124,10 @@ def test_a_fisheye_that_a_perspective_lens_nearly_fits_is_found() -> None:
         points = (PLACES - PLACES.mean(0)) @ turn.T + middle
         if points[:, 2].min() < 0.05:
             continue
-        at = true.project(points[:, :2] / points[:, 2:]) + rng.normal(0, 0.05, (len(PLACES), 2))
+        at = true.project(points[:, :2] / points[:, 2:]) + rng.normal(0, noise_px, (len(PLACES), 2))
         inside = np.flatnonzero((at > 0).all(1) & (at < (640, 480)).all(1))
         if len(inside) >= 8:
             seen.append({int(number): at[number].astype(np.float32) for number in inside})
     found = calibrate_lens("wide", (640, 480), DEFAULT_BOARD, seen)
     assert found.is_fisheye
-    assert found.matrix[0, 0] == pytest.approx(282, rel=0.005)
+    assert found.matrix[0, 0] == pytest.approx(282, rel=0.005 if noise_px < 0.1 else 0.01)

@@ -87,6 +87,7 @@ def test_the_camera_that_moved_is_named(
     assert [camera.cameras for camera in check.moved] == [(name,)]
     assert check.moved[0].shift_px == pytest.approx(abs(sum(turn.values())), rel=0.35)
     assert not check.holds
+    assert max(check.errors_px, key=lambda one: check.errors_px[one]) == name
     assert str(check).startswith(f"{name} moved: ")
 
 

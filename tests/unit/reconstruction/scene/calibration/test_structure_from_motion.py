@@ -186,9 +186,11 @@ def test_only_lenses_with_an_error_are_confirmed() -> None:
     assert not structure_from_motion.unconfirmed_lenses(roughly)
     doubt = structure_from_motion.unconfirmed_lenses(roughly, rough=True)
     assert doubt.endswith("roughly: off by up to 2.8 to 3.2 % (95 %)")
+    assert f"this depth is inaccurate: {doubt}" in structure_from_motion.no_measurement(roughly)
     wide = structure_from_motion._lens_errors_text([0.05, 0.12], held=False, flat=False)
     assert structure_from_motion.unconfirmed_lenses(wide).endswith(
         "enough: off by up to 5.0 to 12.0 % (95 %)"
     )
     assert not structure_from_motion.unconfirmed_lenses(known)
     assert not structure_from_motion.is_guess(known)
+    assert not structure_from_motion.no_measurement(known)

@@ -1,7 +1,6 @@
 """Session recovery after a crash: find the intact images and move all others aside."""
 
 import hashlib
-import shutil
 from collections.abc import Container
 from contextlib import suppress
 from pathlib import Path
@@ -121,9 +120,3 @@ def set_aside(folder: Path, name: str) -> None:
     make_folders(aside.parent, folder)
     (folder / name).replace(free_name(aside))
     sync_folder(aside.parent)
-
-
-def remove_leftovers(folder: Path) -> None:
-    """Delete what a finished session does not need: the reserve, and the mark of a reopened one."""
-    (folder / RESERVE).unlink(missing_ok=True)
-    shutil.rmtree(folder / INCOMING, ignore_errors=True)

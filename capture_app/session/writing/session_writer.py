@@ -46,7 +46,7 @@ from capture_app.session.reading.checksums import write_checksums
 from capture_app.session.reading.reader import Session
 from capture_app.session.writing.image_store import ImageStore, StoredImage
 from capture_app.session.writing.instant_set import InstantSet
-from capture_app.session.writing.recovery import INCOMING, RESERVE, remove_leftovers
+from capture_app.session.writing.recovery import INCOMING, RESERVE
 from capture_app.session.writing.video_store import VideoStore
 
 RESERVED_BYTES = 1 << 16
@@ -310,7 +310,7 @@ class SessionWriter:
                 videos=self.videos.records(),
             )
             data = encode_manifest(self.folder, manifest, self.videos.in_order(len(burst.instants_ns)))
-            remove_leftovers(self.folder)
+            (self.folder / RESERVE).unlink(missing_ok=True)
             if plan is not None and plan != self.plan:
                 # There is room for it now: the reserved space is free.
                 write_atomic(self.folder / PLAN, indented(encode_checked(plan)))
@@ -318,6 +318,7 @@ class SessionWriter:
             for error in sync_all((*changed, self.folder)).values():
                 raise error
             write_atomic(self.folder / MANIFEST, data)
+            shutil.rmtree(self.folder / INCOMING, ignore_errors=True)
             self._close()
         return Session.open(self.folder)
 

@@ -19,6 +19,7 @@ FOUND = {
     267: "the virtual rig blamed a camera whose frame in two takes carried their sound twice",
     307: "a recording in which a clock was slewed as NTP daemons do contradicted its clock record",
     459: "frames of a node that was started again during a recording were not marked late",
+    538: "a leader that was killed while it wrote a finished session again left it with its old manifest",
     1042: "a recording that ended within two seconds contradicted its clock record",
     2089: "a leader that was killed had not yet told its cameras of a burst that it had cancelled",
     3906: "a camera that offered an image it had not reported had its session opened for ever",

@@ -5,6 +5,7 @@ import json
 import os
 from dataclasses import replace
 from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
 from msgspec import structs
@@ -86,6 +87,20 @@ def test_a_finished_session_that_is_resumed_says_so_until_it_is_written_again(tm
     assert (take.folder / INCOMING).is_dir()
     take.end(writer)
     assert not (take.folder / INCOMING).exists()
+
+
+@pytest.mark.parametrize("step", ["write_checksums", "sync_all", "write_atomic"])
+def test_a_resumed_session_says_so_at_whatever_step_it_is_killed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, step: str
+) -> None:
+    take = Take(tmp_path)
+    take.write()
+    writer = SessionWriter.resume(take.folder)
+    monkeypatch.setattr(session_writer, step, Mock(side_effect=KeyboardInterrupt))
+    with pytest.raises(KeyboardInterrupt):
+        take.end(writer)
+    writer.abort()
+    assert (take.folder / INCOMING).is_dir()
 
 
 def test_a_plan_reserves_room_for_its_manifest_once(tmp_path: Path) -> None:

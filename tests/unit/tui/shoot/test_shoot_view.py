@@ -7,6 +7,7 @@ from textual.pilot import Pilot
 from textual.widgets import Digits, Static
 
 from capture_app.protocol.messages import BurstRequest
+from capture_app.rig.taking import Begun, Moved, TakePlan
 from capture_app.session.library.listing import list_sessions
 from capture_app.tui.screen_settings import Settings
 from tests.unit.tui.driving import settle, until
@@ -80,6 +81,23 @@ async def test_the_plan_is_changed_with_arrows(tmp_path: Path) -> None:
         assert studio.view.plan_panel.plain[3] == "mode      ‹ single ›"
 
 
+async def test_the_plan_is_changed_by_clicks_and_texts_by_arrows_too(tmp_path: Path) -> None:
+    studio = Studio(ready_rig(1), tmp_path)
+    async with studio.running(120, 40) as pilot:
+        panel = studio.view.plan_panel
+        await pilot.click(panel, offset=(3, 2))
+        assert panel.plain[1].startswith("after     ‹ 5"), "the first click selects"
+        await pilot.click(panel, offset=(panel.size.width - 2, 2))
+        await pilot.click(panel, offset=(3, 2))
+        await pilot.click(panel, offset=(3, 2))
+        assert panel.settings.after == 4
+        await pilot.click(panel, offset=(3, len(panel.plain) + 1))
+        assert panel.plain[1].startswith("after     ‹ 4"), "there is no setting below the last"
+        await pilot.press("down", "down", "down", "right", *"walk", "enter")
+        await studio.settle(pilot)
+        assert panel.settings.name == "walk"
+
+
 async def test_a_countdown_is_seen_from_afar_and_can_be_stopped(tmp_path: Path) -> None:
     studio = Studio(ready_rig(1), tmp_path, Settings(choices={"shoot.countdown_s": COUNTDOWN_S}))
     async with studio.running() as pilot:
@@ -89,6 +107,17 @@ async def test_a_countdown_is_seen_from_afar_and_can_be_stopped(tmp_path: Path) 
         await pilot.press("space")
         await until(pilot, lambda: studio.view.stage.current == "live")
         assert studio.requests == []
+
+
+async def test_what_a_take_waits_for_and_what_began_it_are_said(tmp_path: Path) -> None:
+    studio = Studio(ready_rig(1), tmp_path)
+    async with studio.running(120, 40) as pilot:
+        plan = TakePlan(repeat=2)
+        studio.view._show_event(Moved(2, camera="cam00"), plan, "")
+        studio.view._show_event(Begun(2), plan, "")
+        await studio.settle(pilot)
+        assert [one.message for one in studio.app._notifications] == ["something moves in front of cam00"]
+        assert studio.view._line.plain == ("◉ take 2 of 2 is being taken",)
 
 
 async def test_the_screen_may_be_left_during_a_countdown(tmp_path: Path) -> None:
@@ -126,6 +155,8 @@ async def test_a_take_from_before_is_shown_but_not_over_what_is_live(tmp_path: P
         assert not studio.view.stage.is_sheet
         await pilot.press("v")
         assert studio.view.stage.is_sheet
+        await pilot.press("escape")
+        assert not studio.view.stage.is_sheet
 
 
 def test_it_looks_as_it_did_without_colours(snap_compare: Any, tmp_path: Path) -> None:

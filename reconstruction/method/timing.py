@@ -27,6 +27,10 @@ SIGMAS = 2.0
 """Standard deviations in the reported error (95 %)."""
 ODD_SIGMAS = 3.0
 """Standard deviations from which an offset is claimed."""
+MAX_UNSEEN = 0.25
+"""Fraction of the instants with motion that may show no offset before and after those that do.
+
+A frame that is dropped there is not seen."""
 SURE_FRAMES = 0.1
 """Error, in frames, above which a measurement certifies nothing."""
 LOST_FRACTION = 0.5
@@ -202,6 +206,8 @@ def judge_timing(
     end_ms = _largest_by_slope_ms(instants, late)
     points = "matched points" if moving_cameras else "points at rest"
     listed = ", ".join(map(str, unknown.disagreeing))
+    first, last = (end((instant.instant for instant in instants), default=0) for end in (min, max))
+    hidden = sum(not first <= k <= last for k in fit.unvoted) > MAX_UNSEEN * fit.examined
     doubts = {
         f"{other}'s frames wander by ± {SIGMAS * (jitter_ms or 0.0):.1f} ms": jitter_ms is not None,
         f"the calibration does not fit the pictures: {points} are {fit.misfit_px or 0.0:.1f} pixels off "
@@ -211,6 +217,7 @@ def judge_timing(
         f"{odd} of {len(instants)} instants disagree with the others": odd > 0,
         f"instant {listed} disagrees with the others": len(unknown.disagreeing) == 1,
         f"instants {listed} disagree with the others": len(unknown.disagreeing) > 1,
+        f"the offset is seen at instants {first} to {last} alone; others have motion too": hidden,
         f"single images may be off by up to {possible_ms:.1f} ms": possible_ms > limit_ms,
         "the measured offset is neither clearly zero nor clearly different from zero": not offset
         and abs(late) > SIGMAS * sd,
@@ -221,7 +228,7 @@ def judge_timing(
         abs(instant.late_ms) - ODD_SIGMAS * instant.sd_ms < spacing_ms / 2 for instant in instants
     )
     # If measured images disagree, others may be farther off.
-    same &= not unknown.disagreeing and (not odd or is_same_instant(possible_ms, spacing_ms))
+    same &= not hidden and not unknown.disagreeing and (not odd or is_same_instant(possible_ms, spacing_ms))
     denied = offset or jitter_ms is not None
     return structs.replace(
         unknown,

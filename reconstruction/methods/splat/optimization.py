@@ -16,8 +16,8 @@ from reconstruction.methods.splat.gaussians import Gaussians, Projected, bands, 
 RATES = {"colours": 0.02, "logits": 0.1, "grown": 0.02}
 """Adam's step of each parameter: colours from 0 to 1, opacity's logit, logarithm of the size's factor."""
 LIMITS = {"colours": (0.0, 1.0), "logits": (-8.0, 8.0), "grown": (-1.5, 1.0)}
-FEW, MAX_FACTOR = 5, 2.0
-"""Number of iterations below which steps are larger, and the largest factor."""
+FIRST, LAST = 2.5, 0.5
+"""Factors of the first and of the last step: fine texture takes large steps, and noise small ones."""
 MIN_OPACITY = 0.05
 """Opacity below which a Gaussian is removed at the end."""
 GAP, FREE = 0.5, 0.1
@@ -38,7 +38,7 @@ def optimize(gaussians: Gaussians, moment: Moment, iterations: int) -> tuple[Gau
         "logits": floats(np.log(opacities / (1 - opacities))),
         "grown": np.zeros(len(gaussians), np.float32),
     }
-    parts, factor = worker_count(), min(max(FEW / max(iterations, 1), 1.0), MAX_FACTOR)
+    parts = worker_count()
     slopes = {name: np.zeros((parts, *one.shape), np.float32) for name, one in values.items()}
     moments = {name: (np.zeros_like(one), np.zeros_like(one)) for name, one in values.items()}
     seen = list(moment.values())
@@ -46,7 +46,7 @@ def optimize(gaussians: Gaussians, moment: Moment, iterations: int) -> tuple[Gau
     orders: list[Array | None] = [None] * len(seen)
     free = dict[int, Array]()
     with worker_pool() as pool:
-        for visit in range(iterations * len(seen)):
+        for visit, factor in enumerate(np.linspace(FIRST, LAST, iterations * len(seen))):
             at = visit % len(seen)
             view = seen[at].view
             opacities = _sigmoid(values["logits"])

@@ -27,19 +27,26 @@ def find_moving_points(images: Iterable[Array], background: Array, frames: int) 
     for image in images:
         moving = detect_moving(image, (), background)
         covered += moving
-        ys, xs = _largest_region(moving)
-        contrast = np.abs(image[ys, xs].astype(float) - background[ys, xs])
-        found.append((np.array([contrast @ xs, contrast @ ys]) / max(float(contrast.sum()), 1.0), ys, xs))
+        box, region = _largest_region(moving)
+        contrast = region * np.abs(image[box].astype(float) - background[box])
+        corner = [side.start for side in box[::-1]]
+        ys, xs = np.nonzero(region)
+        weights = contrast[ys, xs] / max(float(contrast.sum()), 1.0)
+        found.append((corner + np.array([weights @ xs, weights @ ys]), box, region))
     stays = covered > MAX_STAY * frames
-    return [middle if len(ys) and not stays[ys, xs].any() else None for middle, ys, xs in found]
+    return [
+        middle if region.any() and not stays[box][region].any() else None for middle, box, region in found
+    ]
 
 
-def _largest_region(moving: Array) -> tuple[Array, ...]:
-    """Return the rows and columns (n,) of the largest region of a mask; none if it may be cut off."""
+def _largest_region(moving: Array) -> tuple[tuple[slice, ...], Array]:
+    """Return the box of the largest region of a mask, and its pixels (bool); empty if it may be cut off."""
     _, labels, boxes, _ = cv2.connectedComponentsWithStats(moving.astype(np.uint8))
     boxes[0, cv2.CC_STAT_AREA] = 0
     largest = int(np.argmax(boxes[:, cv2.CC_STAT_AREA]))
     left, top, width, height = (int(side) for side in boxes[largest, :4])
     rows, columns = moving.shape
     whole = min(left, top, columns - left - width, rows - top - height) >= EDGE_PX
-    return np.nonzero(dilate(labels == largest, AROUND_PX) & whole)
+    ends = ((top, top + height), (left, left + width)) if whole else ((AROUND_PX, AROUND_PX),) * 2
+    box = tuple(slice(first - AROUND_PX, end + AROUND_PX) for first, end in ends)
+    return box, dilate(labels[box] == largest, AROUND_PX) & whole

@@ -101,6 +101,17 @@ def test_one_pair_of_images_that_is_off_takes_the_certificate_away() -> None:
     assert "1 of 10 instants disagree" in timing_sentences(found)
 
 
+@pytest.mark.parametrize(("unseen", "certain"), [((3, 12), True), ((12, 15, 20, 29), False)])
+def test_an_offset_that_is_seen_at_one_end_of_the_motion_only_certifies_nothing(
+    unseen: tuple[int, ...], certain: bool
+) -> None:
+    instants = tuple(InstantOffset(k, 0.1, 0.5, 20) for k in (0, 1, 2, 7, 8))
+    found = judge_timing(PAIR, OffsetFit(0.1, 0.4, "", instants, unvoted=unseen), 0.0, FRAME_MS)
+    assert found.synchronized == certain
+    assert (found.same_frame_ms is not None) == certain
+    assert certain or "seen at instants 0 to 8 alone" in timing_sentences(found)
+
+
 def test_frames_that_wander_about_zero_are_not_synchronized() -> None:
     instants = tuple(
         InstantOffset(k, ms, 1.5, 20) for k, ms in enumerate([-9, 7, -12, 11, 3, -6, 10, -8, 0.5, 9])

@@ -52,7 +52,7 @@ def test_a_run_shows_uncertainties_that_are_wrong_by_a_factor(factor: float, wor
     chance = random.Random(1)
     times = [
         (seed, TimeError("cam0", (1, 1), abs(round(chance.gauss(0, 50_000))), round(factor * 100_000), True))
-        for seed in range(100)
+        for seed in range(1_200)
     ]
     assert [found[: len(words)] for found in misjudged(times)] == [words] * bool(words)
     # Few links show nothing.

@@ -12,14 +12,14 @@ from pathlib import Path
 
 from capture_app.session.reading.reader import Session
 from tests.project import ROOT
-from tests.unit.reconstruction.batch.fake_units import LOG
+from tests.unit.reconstruction.methods.batch.fake_units import LOG
 
 
 def start(out: Path, session: Path, log: Path, *more: str) -> "subprocess.Popen[bytes]":
     command = [
         sys.executable,
         "-m",
-        "tests.unit.reconstruction.batch.fake_units",
+        "tests.unit.reconstruction.methods.batch.fake_units",
         str(out),
         str(session),
         *more,

@@ -18,14 +18,14 @@ import pytest
 
 from capture_app.common.errors import BadInputError, DiskFullError, ExitCode, NotAvailableError
 from capture_app.session.reading.reader import Session
-from reconstruction.batch.batch_plan import BatchPlan
-from reconstruction.batch.batch_run import batch, exit_code
-from reconstruction.batch.summary import UnitRow, depth_sheets
-from reconstruction.batch.units import Shard
-from reconstruction.batch.workers import NO_DASHBOARD, Workers
+from reconstruction.methods.batch.batch_plan import BatchPlan
+from reconstruction.methods.batch.batch_run import batch, exit_code
+from reconstruction.methods.batch.summary import UnitRow, depth_sheets
+from reconstruction.methods.batch.units import Shard
+from reconstruction.methods.batch.workers import NO_DASHBOARD, Workers
 from reconstruction.scene.conditions import Condition
-from tests.unit.reconstruction.batch.fake_units import FAKE_TASK
 from tests.unit.reconstruction.conftest import VIEWS, Scene, write_session
+from tests.unit.reconstruction.methods.batch.fake_units import FAKE_TASK
 
 
 @pytest.fixture(scope="module")
@@ -101,7 +101,7 @@ def test_no_name_becomes_markup_in_the_summary(run: Callable[..., Any], scene: S
 
 def test_what_is_not_applicable_synchronized_is_not_judged_otherwise(run: Callable[..., Any]) -> None:
     conditions = (Condition.parse("66"), Condition.parse("synced"))
-    task = "tests.unit.reconstruction.batch.fake_units:refuse_synchronized"
+    task = "tests.unit.reconstruction.methods.batch.fake_units:refuse_synchronized"
     done = run(task=task, conditions=conditions, instants=(0, 2)).result
     judged = {(row.instant, row.condition): (row.coverage, bool(row.not_applicable)) for row in done.units}
     assert judged == {

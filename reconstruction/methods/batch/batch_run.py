@@ -9,8 +9,8 @@ from capture_app.common.errors import ExitCode, NotApplicableError, SimulshotErr
 from capture_app.common.text import ProgressStep, rough_time
 from capture_app.console.terminal import talk
 from capture_app.session.files.output_folder import growing_folder
-from reconstruction.batch.batch_plan import DEPTH_TASK, BatchPlan
-from reconstruction.batch.summary import (
+from reconstruction.methods.batch.batch_plan import DEPTH_TASK, BatchPlan
+from reconstruction.methods.batch.summary import (
     NAMES,
     BatchResult,
     UnitRow,
@@ -20,8 +20,8 @@ from reconstruction.batch.summary import (
     unit_row,
     write_summary,
 )
-from reconstruction.batch.units import UNITS, WORK, Outcome, Shard, Unit, is_done, remove_leftovers
-from reconstruction.batch.workers import Workers
+from reconstruction.methods.batch.units import UNITS, WORK, Outcome, Shard, Unit, is_done, remove_leftovers
+from reconstruction.methods.batch.workers import Workers
 
 
 def batch(

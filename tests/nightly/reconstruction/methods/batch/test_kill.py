@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from capture_app.session.reading.reader import Session
-from tests.system.reconstruction.batch.test_kill import finished, kill_and_compare, results, start
+from tests.system.reconstruction.methods.batch.test_kill import finished, kill_and_compare, results, start
 
 
 @pytest.mark.timeout(1800)

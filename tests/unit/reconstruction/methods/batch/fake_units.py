@@ -1,7 +1,7 @@
 """Cheap units for the tests of batches, and a batch of them that can be killed.
 
-`python -m tests.unit.reconstruction.batch.fake_units OUT SESSION` makes all its units in three conditions,
-with I/N those of a shard, with `summary` only the summary, and with `real` the depth of one.
+`python -m tests.unit.reconstruction.methods.batch.fake_units OUT SESSION` makes all its units in three
+conditions, with I/N those of a shard, with `summary` only the summary, and with `real` the depth of one.
 """
 
 import errno
@@ -10,10 +10,10 @@ import signal
 import sys
 from pathlib import Path
 
-from reconstruction.batch.units import Unit
+from reconstruction.methods.batch.units import Unit
 from reconstruction.scene.conditions import Condition
 
-FAKE_TASK = "tests.unit.reconstruction.batch.fake_units:compute"
+FAKE_TASK = "tests.unit.reconstruction.methods.batch.fake_units:compute"
 LOG = "FAKE_UNITS_LOG"
 CONDITIONS = ("synced", "33", "66")
 BLOCKS = 20
@@ -59,10 +59,10 @@ def _log(line: str) -> None:
 
 def main() -> None:
     """Run a batch of the units, or of real ones where a third argument asks for it."""
-    from reconstruction.batch.batch_plan import DEPTH_TASK, BatchPlan
-    from reconstruction.batch.batch_run import batch, summarize
-    from reconstruction.batch.units import Shard
-    from reconstruction.batch.workers import Workers
+    from reconstruction.methods.batch.batch_plan import DEPTH_TASK, BatchPlan
+    from reconstruction.methods.batch.batch_run import batch, summarize
+    from reconstruction.methods.batch.units import Shard
+    from reconstruction.methods.batch.workers import Workers
 
     out, session, *asked = sys.argv[1:]
     conditions = tuple(Condition.parse(text) for text in (("synced",) if "real" in asked else CONDITIONS))

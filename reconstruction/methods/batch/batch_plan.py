@@ -12,17 +12,17 @@ import msgspec
 from capture_app.common.errors import BadInputError, NotApplicableError
 from capture_app.common.text import pretty_json
 from capture_app.session.files.durable import write_atomic
-from reconstruction.batch.summary import UnitRow, unit_row
-from reconstruction.batch.units import RESULT, Unit
 from reconstruction.common.matchers import Matcher
 from reconstruction.common.native_libraries import library_versions
 from reconstruction.common.picture_checksums import checked_pictures
 from reconstruction.method.interface import find_method
+from reconstruction.methods.batch.summary import UnitRow, unit_row
+from reconstruction.methods.batch.units import RESULT, Unit
 from reconstruction.scene.conditions import SYNCED, Condition
 from reconstruction.scene.dataset import Dataset
 from reconstruction.scene.scene import Scene
 
-DEPTH_TASK = "reconstruction.batch.batch_plan:compute_depth"
+DEPTH_TASK = "reconstruction.methods.batch.batch_plan:compute_depth"
 DEPTH_METHOD = "multiview"
 """The method that computes a unit."""
 SPLAT_METHOD, SPLAT = "splat", "splat.ply"
@@ -32,7 +32,7 @@ SPLAT_METHOD, SPLAT = "splat", "splat.ply"
 def program_checksum() -> str:
     """Return a checksum of this package's source and the library versions, on which results depend."""
     digest = hashlib.sha256(repr(sorted(library_versions().items())).encode())
-    here = Path(__file__).parents[1]
+    here = Path(__file__).parents[2]
     for path in sorted(path for path in here.rglob("*") if path.suffix in (".py", ".c")):
         digest.update(f"{path.relative_to(here)}\n".encode() + path.read_bytes())
     return digest.hexdigest()

@@ -10,21 +10,21 @@ import pytest
 
 from capture_app.common.errors import ExitCode
 from capture_app.session.reading.reader import Session
-from reconstruction.batch import workers
-from reconstruction.batch.batch_plan import DEPTH_TASK, BatchPlan
-from reconstruction.batch.batch_run import batch, exit_code, summarize
-from reconstruction.batch.units import Shard, run_unit
-from reconstruction.batch.workers import Workers
 from reconstruction.common.matchers import Matcher
+from reconstruction.methods.batch import workers
+from reconstruction.methods.batch.batch_plan import DEPTH_TASK, BatchPlan
+from reconstruction.methods.batch.batch_run import batch, exit_code, summarize
+from reconstruction.methods.batch.units import Shard, run_unit
+from reconstruction.methods.batch.workers import Workers
 from reconstruction.scene.conditions import Condition
-from tests.unit.reconstruction.batch.fake_units import FAKE_TASK
-from tests.unit.reconstruction.batch.test_batch import (
+from tests.unit.reconstruction.conftest import PERIOD_NS, VIEWS, Reconstruct, Scene, make_view, write_session
+from tests.unit.reconstruction.methods.batch.fake_units import FAKE_TASK
+from tests.unit.reconstruction.methods.batch.test_batch import (
     here,  # noqa: F401 - a fixture
     run,  # noqa: F401 - a fixture
 )
-from tests.unit.reconstruction.conftest import PERIOD_NS, VIEWS, Reconstruct, Scene, make_view, write_session
 
-FAILING = "tests.unit.reconstruction.batch.fake_units:compute_or_fail"
+FAILING = "tests.unit.reconstruction.methods.batch.fake_units:compute_or_fail"
 
 
 def test_real_units_in_processes_and_nothing_twice(

@@ -22,7 +22,6 @@ from capture_app.common.errors import BadInputError, ExitCode, NotAvailableError
 from capture_app.common.optional_packages import RECONSTRUCTION, load_optional
 from capture_app.common.text import first_line
 from capture_app.console.terminal import talk
-from reconstruction.batch.units import WORK, Outcome, Unit, run_unit
 from reconstruction.common.memory import (
     DEFAULT_FRACTION,
     MAX_BY_DEFAULT,
@@ -31,6 +30,7 @@ from reconstruction.common.memory import (
     memory_budget,
     usable_cores,
 )
+from reconstruction.methods.batch.units import WORK, Outcome, Unit, run_unit
 
 LOCAL = "local"
 QUEUES = {

@@ -103,12 +103,12 @@ def batch(
     Results already in --out are reused: repeat the command after an interruption, or with more sessions,
     instants or conditions.
     """
-    from reconstruction.batch.batch_plan import BatchPlan
-    from reconstruction.batch.batch_run import batch as run
-    from reconstruction.batch.batch_run import exit_code, summarize
-    from reconstruction.batch.units import Shard
-    from reconstruction.batch.workers import Workers
     from reconstruction.common.templates import render_lines
+    from reconstruction.methods.batch.batch_plan import BatchPlan
+    from reconstruction.methods.batch.batch_run import batch as run
+    from reconstruction.methods.batch.batch_run import exit_code, summarize
+    from reconstruction.methods.batch.units import Shard
+    from reconstruction.methods.batch.workers import Workers
 
     if summary and shard:
         raise click.UsageError("--summary is of all shards: leave out --shard")
@@ -118,7 +118,7 @@ def batch(
         if summary
         else run(sessions, out, chosen, Workers(cluster, jobs, settings), shard=part)
     )
-    lines = render_lines("batch.txt", "reconstruction.commands", result=result, out=out, part=part)
+    lines = render_lines("batch.txt", __package__, result=result, out=out, part=part)
     answer(as_json, result, lines)
     if (code := exit_code(result)) is not ExitCode.OK:
         failure = SimulshotError(

@@ -18,9 +18,9 @@ from msgspec import Struct
 from capture_app.common.errors import BadInputError, ExitCode
 from capture_app.common.text import count, pretty_json
 from capture_app.session.files.durable import write_atomic
-from reconstruction.batch.units import RESULT, Unit
 from reconstruction.common import wording
 from reconstruction.method.truth import DepthShares
+from reconstruction.methods.batch.units import RESULT, Unit
 from reconstruction.pages.embedding import embed_image
 from reconstruction.pages.page import Section, render_page
 from reconstruction.report import report_tables as report
@@ -240,7 +240,7 @@ def _html(root: Path, result: BatchResult) -> str:
             ],
         ),
     }
-    return render_page(view, [*sections, Section("figures.html")], "reconstruction.batch")
+    return render_page(view, [*sections, Section("figures.html")], __package__)
 
 
 def _unmade(found: BatchResult | Group) -> list[str]:

@@ -339,9 +339,11 @@ class FrameLine:
         self._since_fit += 1
         self._trim()
         if fit and (not self.known or self._since_fit >= max(REFIT_FRAMES, REFIT_FRACTION * self._frames)):
+            # The intercept lies where the stream began: another period moves it by all that came since.
             self._fit()
+            self.update_height()
         # The median of many frames hardly changes by one.
-        if not len(self.run) % max(1, min(len(self.run), self.phase_frames) // PHASE_FRAMES):
+        elif not len(self.run) % max(1, min(len(self.run), self.phase_frames) // PHASE_FRAMES):
             self.update_height()
 
     def split_off(self, count: int) -> None:

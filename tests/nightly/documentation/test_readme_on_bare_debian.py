@@ -18,7 +18,7 @@ MOUNTS = ("proc", "sys", "dev", "dev/pts", "dev/shm")
 AS_README_SAYS = (
     ("Try 5", "s"),
     ("5 of 5 ready", "2"),
-    ("pictures of one instant", "Space"),
+    (r"Live · 5 pictures within", "Space"),
     (r"(excellent|good|fair) +[0-9.]+ .s", "q"),
     (r"Quit\?", "s"),
 )

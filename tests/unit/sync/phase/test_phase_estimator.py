@@ -44,6 +44,15 @@ def test_period_and_phase_come_within_microseconds() -> None:
     assert phase.nearest_frame_ns(frame_ns + 10**7) == frame_ns
 
 
+def test_a_stream_is_known_as_well_after_nine_hours() -> None:
+    stamps = stream(900, noise_ns=30_000)
+    phase, hours_ns = fed(stamps[:10]), 10**6 * PERIOD_NS
+    for n, stamp in enumerate(stamps[10:], 10):
+        phase.add(FrameStamp(10**6 + n, 0, hours_ns + stamp.timestamp_ns))
+        if n > 600:
+            assert_frame_at(phase, hours_ns + 10**9 + n * PERIOD_NS, within_ns=20_000)
+
+
 def test_a_noisy_virtual_machine_still_gives_a_phase() -> None:
     phase = fed(stream(300, noise_ns=2.5e6))
     assert_frame_at(phase, 10**9 + 300 * PERIOD_NS, within_ns=1_000_000)

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from textual.pilot import Pilot
 
+from capture_app.common.node_state import NodeState
 from capture_app.protocol.status import Preview
 from capture_app.tui.shoot.full_view import FullView
 from capture_app.tui.shoot.preview_grid import PreviewGrid
@@ -46,6 +47,9 @@ async def test_a_camera_is_opened_and_left(tmp_path: Path) -> None:
         finder = await open_first(studio, pilot)
         assert studio.wishes[-1] == (("cam00",), 640, 10.0)
         assert text(finder, ".title") == "cam00 · ● ready · 30.0 fps · exposure 10 ms · gain 1.5"
+        studio.rig.change("cam00", state=NodeState.LOST)
+        await studio.settle(pilot)
+        assert "lost" in text(finder, ".title")
         await pilot.press("right")
         await studio.settle(pilot)
         assert studio.wishes[-1] == (("cam01",), 640, 10.0)
@@ -116,6 +120,7 @@ async def test_two_cameras_are_blinked_at_the_nearest_instant(tmp_path: Path) ->
         await studio.settle(pilot)
         assert studio.wishes[-1] == (("cam00", "cam01"), 640, 5.0)
         assert "blinking cam00 ↔ cam01, waiting for both" in text(finder, ".title")
+        assert text(finder, "#finder-meters") == ""
         for camera, leader_ns, level in (("cam00", 10**9, 50), ("cam01", 10**9 + 4_200_000, 200)):
             jpeg = cv2.imencode(".jpg", np.full((48, 64), level, np.uint8))[1].tobytes()
             rig.tell(Preview(camera=camera, leader_ns=leader_ns, width=64, height=48, jpeg=bytes(jpeg)))

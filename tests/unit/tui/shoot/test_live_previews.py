@@ -14,6 +14,8 @@ from textual.screen import Screen
 
 from capture_app.common.node_state import NodeState
 from capture_app.protocol.status import BurstStatus, Preview
+from capture_app.session.format.live_depth import DepthPreview
+from capture_app.tui.shoot.full_view import FullView
 from capture_app.tui.shoot.preview_grid import PreviewTile
 from capture_app.tui.widgets.cells import CellPicture
 from capture_app.tui.widgets.lines import write_border
@@ -93,6 +95,8 @@ async def test_pictures_that_no_longer_come_are_not_live(tmp_path: Path) -> None
         await until(pilot, lambda: studio.title == "Not live · pictures of 90 s ago")
         assert all("90 s ago" in tile.title for tile in studio.tiles)
         assert all(tile.picture.is_faded for tile in studio.tiles)
+        studio.pass_time(210.0)
+        await until(pilot, lambda: studio.title == "Not live · pictures of 5 min ago")
         await studio.show_all(pilot, level=90)
         assert not any(tile.picture.is_faded for tile in studio.tiles)
 
@@ -123,6 +127,44 @@ async def test_a_camera_that_is_behind_says_so_beside_the_live_ones(tmp_path: Pa
         assert "0.4 s ago" in studio.tiles[1].title
         assert "ago" not in studio.tiles[0].title
         assert studio.title.startswith("Live · 2 pictures within")
+
+
+async def test_a_click_opens_its_camera(tmp_path: Path) -> None:
+    studio = LiveStudio(3, tmp_path)
+    async with studio.running(120, 40) as pilot:
+        await pilot.click(studio.tiles[1])
+        await studio.settle(pilot)
+        assert isinstance(studio.app.screen, FullView)
+        assert studio.app.screen.camera == "cam01"
+
+
+async def test_the_cursor_stays_among_the_cameras(tmp_path: Path) -> None:
+    studio = LiveStudio(2, tmp_path)
+    async with studio.running(120, 40) as pilot:
+        grid = studio.view.stage.grid
+        grid.focus()
+        for key, camera in (("left", "cam00"), ("right", "cam01"), ("right", "cam01"), ("down", "cam01")):
+            await pilot.press(key)
+            assert grid.chosen() == camera
+
+
+async def test_depth_takes_the_place_of_its_camera_until_it_ends(tmp_path: Path) -> None:
+    studio = LiveStudio(2, tmp_path)
+    async with studio.running(120, 40) as pilot:
+        await studio.show_all(pilot)
+        near = DepthPreview(0, "cam01", jpeg=picture(250), moving_confirmed=0.94, late_ns=300_000_000)
+        studio.view.stage.show_depth(near)
+        await studio.settle(pilot)
+        shown = studio.tiles[1].picture.cells
+        assert studio.title == "Live · depth of cam01 · 94 % of moving pixels have depth"
+        before = studio.tiles[0].picture.cells
+        for camera in ("cam00", "cam01"):
+            studio.show(camera, 90, completes=camera == "cam01")
+        await until(pilot, lambda: studio.tiles[0].picture.cells is not before)
+        assert studio.tiles[1].picture.cells is shown
+        studio.view.stage.show_depth(None)
+        await studio.show_all(pilot, level=120)
+        await until(pilot, lambda: studio.tiles[1].picture.cells is not shown)
 
 
 async def test_a_lost_camera_is_grey(tmp_path: Path) -> None:

@@ -80,6 +80,23 @@ async def test_the_plan_is_changed_with_arrows(tmp_path: Path) -> None:
         assert studio.view.plan_panel.plain[3] == "mode      ‹ single ›"
 
 
+async def test_the_plan_is_changed_by_clicks_and_texts_by_arrows_too(tmp_path: Path) -> None:
+    studio = Studio(ready_rig(1), tmp_path)
+    async with studio.running(120, 40) as pilot:
+        panel = studio.view.plan_panel
+        await pilot.click(panel, offset=(3, 2))
+        assert panel.plain[1].startswith("after     ‹ 5"), "the first click selects"
+        await pilot.click(panel, offset=(panel.size.width - 2, 2))
+        await pilot.click(panel, offset=(3, 2))
+        await pilot.click(panel, offset=(3, 2))
+        assert panel.settings.after == 4
+        await pilot.click(panel, offset=(3, len(panel.plain) + 1))
+        assert panel.plain[1].startswith("after     ‹ 4"), "there is no setting below the last"
+        await pilot.press("down", "down", "down", "right", *"walk", "enter")
+        await studio.settle(pilot)
+        assert panel.settings.name == "walk"
+
+
 async def test_a_countdown_is_seen_from_afar_and_can_be_stopped(tmp_path: Path) -> None:
     studio = Studio(ready_rig(1), tmp_path, Settings(choices={"shoot.countdown_s": COUNTDOWN_S}))
     async with studio.running() as pilot:

@@ -33,10 +33,14 @@ class _Application(click.Group):
     """Group of the commands, which keep to a memory budget, and in which no error ends in a traceback."""
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write each command with its whole sentence."""
+        """Write each command that is not hidden with its whole sentence."""
         with formatter.section("Commands"):
             formatter.write_dl(
-                [(name, self.commands[name].get_short_help_str(SENTENCE)) for name in self.list_commands(ctx)]
+                [
+                    (name, self.commands[name].get_short_help_str(SENTENCE))
+                    for name in self.list_commands(ctx)
+                    if not self.commands[name].hidden
+                ]
             )
 
     def invoke(self, ctx: click.Context) -> Any:

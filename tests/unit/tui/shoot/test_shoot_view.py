@@ -143,6 +143,8 @@ async def test_a_take_from_before_is_shown_but_not_over_what_is_live(tmp_path: P
         assert not studio.view.stage.is_sheet
         await pilot.press("v")
         assert studio.view.stage.is_sheet
+        await pilot.press("escape")
+        assert not studio.view.stage.is_sheet
 
 
 def test_it_looks_as_it_did_without_colours(snap_compare: Any, tmp_path: Path) -> None:

@@ -65,6 +65,7 @@ async def test_the_depth_of_two_cameras_is_shown_before_that_of_all(studio: Stud
         await until(pilot, lambda: depth.display)
         (run,) = studio.app.runs.all
         assert run.state is RunState.RUNNING
+        assert not studio.view.check_action("open_depth", ())
         assert (
             take_depth.picture(studio.app.runs, studio.view.takes[-1].sheet)
             == (run.out / "pair.png").read_bytes()
@@ -72,6 +73,7 @@ async def test_the_depth_of_two_cameras_is_shown_before_that_of_all(studio: Stud
         (tmp_path / "how").write_text("")
         await until(pilot, lambda: "94 % of moving pixels have depth" in studio.view.take_panel.plain)
         assert take_depth.picture(studio.app.runs, studio.view.takes[-1].sheet) is not None
+        assert studio.view.check_action("open_depth", ())
 
 
 async def test_depth_is_not_made_where_it_is_not_wanted(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""A method, check or command is one folder: without it and its entry point, all runs and says nothing of it."""
+"""A method, check or command is one folder: without it and its entry point, the rest runs without it."""
 
 import subprocess
 from collections.abc import Sequence

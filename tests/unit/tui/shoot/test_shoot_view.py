@@ -7,6 +7,7 @@ from textual.pilot import Pilot
 from textual.widgets import Digits, Static
 
 from capture_app.protocol.messages import BurstRequest
+from capture_app.rig.taking import Begun, Moved, TakePlan
 from capture_app.session.library.listing import list_sessions
 from capture_app.tui.screen_settings import Settings
 from tests.unit.tui.driving import settle, until
@@ -106,6 +107,17 @@ async def test_a_countdown_is_seen_from_afar_and_can_be_stopped(tmp_path: Path) 
         await pilot.press("space")
         await until(pilot, lambda: studio.view.stage.current == "live")
         assert studio.requests == []
+
+
+async def test_what_a_take_waits_for_and_what_began_it_are_said(tmp_path: Path) -> None:
+    studio = Studio(ready_rig(1), tmp_path)
+    async with studio.running(120, 40) as pilot:
+        plan = TakePlan(repeat=2)
+        studio.view._show_event(Moved(2, camera="cam00"), plan, "")
+        studio.view._show_event(Begun(2), plan, "")
+        await studio.settle(pilot)
+        assert [one.message for one in studio.app._notifications] == ["something moves in front of cam00"]
+        assert studio.view._line.plain == ("◉ take 2 of 2 is being taken",)
 
 
 async def test_the_screen_may_be_left_during_a_countdown(tmp_path: Path) -> None:

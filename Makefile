@@ -14,7 +14,7 @@
 # make test KIND=gige   three GigE Vision cameras of aravis's own making in network namespaces (root, gir1.2-aravis-0.8, gcc; 5 min)
 # make test KIND=mixed   one rig of five kinds: libcamera's double, GigE Vision, a browser, a simulated phone, a recording (root, as KIND=gige, and Chromium)
 # make test KIND=slurm   batches on a real SLURM of this one machine (root)
-# make coverage   the branches that unit tests take of nodes, of session's writing and importing, of the rig's sync (4 min)
+# make coverage   the branches that unit tests take of nodes, of session's writing, of importing, of the rig's sync (4 min)
 # make readers   the programs that exports are for, so that `make test KIND=system` tries each export with them (950 MB)
 # make test-dist   wheel and sdist in clean environments, with the demo (PYTHONS="python3.11 python3.13": with these)
 # make bench NAME=sync   clock synchronization on an emulated WiFi link, beside other filters (root, 10 min; BENCH=--quick: 1 min)
@@ -136,8 +136,8 @@ test: $(VENV)/.installed-dev | $(filter slurm,$(KIND))
 
 coverage: $(VENV)/.installed-dev
 	mkdir -p build
-	$(BIN)/pytest $(CROWD) $(addprefix --cov=capture_app/,node session/importing session/writing sync/rig) --cov-branch \
-	  --cov-report=json:build/coverage.json $(addprefix tests/unit/,node session sync)
+	$(BIN)/pytest $(CROWD) $(addprefix --cov=capture_app/,node companions/importing session/importing session/writing sync/rig) --cov-branch \
+	  --cov-report=json:build/coverage.json $(addprefix tests/unit/,companions/importing node session sync)
 	$(BIN)/python -m tests.branch_coverage build/coverage.json
 
 # What nobody packages for pip or apt-get is not there: tests/readers.txt says what is.

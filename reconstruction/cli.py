@@ -10,9 +10,9 @@ import click
 
 from capture_app import __version__
 from capture_app.common.errors import ExitCode, SimulshotError
+from capture_app.common.plugins import load_plugins
 from capture_app.console.terminal import run_command_line, talk
 from capture_app.console.usage import add_verbosity, examples
-from reconstruction.commands.batch import batch
 from reconstruction.commands.calibrate import board, calibrate
 from reconstruction.commands.compare import compare, tolerance
 from reconstruction.commands.live import live
@@ -21,6 +21,7 @@ from reconstruction.commands.movers import movers
 from reconstruction.commands.time import time_command
 from reconstruction.common.memory import limited_memory, share_heaps
 from reconstruction.common.native_libraries import TRACEBACK, claim_output, unexpected_error
+from reconstruction.common.options import COMMANDS
 from reconstruction.common.picture_checksums import checked_pictures
 from reconstruction.method.interface import methods
 
@@ -32,10 +33,14 @@ class _Application(click.Group):
     """Group of the commands, which keep to a memory budget, and in which no error ends in a traceback."""
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write each command with its whole sentence."""
+        """Write each command that is not hidden with its whole sentence."""
         with formatter.section("Commands"):
             formatter.write_dl(
-                [(name, self.commands[name].get_short_help_str(SENTENCE)) for name in self.list_commands(ctx)]
+                [
+                    (name, self.commands[name].get_short_help_str(SENTENCE))
+                    for name in self.list_commands(ctx)
+                    if not self.commands[name].hidden
+                ]
             )
 
     def invoke(self, ctx: click.Context) -> Any:
@@ -67,10 +72,12 @@ def app() -> None:
     """Compute depth and panoramas from a session, and measure the effect of synchronization on them."""
 
 
-# Before the others, which no method of another package replaces.
+# Before the others, which no plugin of another package replaces.
 for method in methods().values():
     app.add_command(method_command(method))
-for command in (batch, board, calibrate, compare, live, movers, time_command, tolerance):
+for command in load_plugins(COMMANDS, "get_short_help_str").values():
+    app.add_command(command)
+for command in (board, calibrate, compare, live, movers, time_command, tolerance):
     app.add_command(command)
 add_verbosity(app)
 

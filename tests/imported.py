@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from capture_app.common.text import Talk
-from capture_app.session.importing.recording import ImportOptions, import_found
+from capture_app.companions.importing.recording import ImportOptions, import_found
 from capture_app.session.reading.reader import Session
 
 

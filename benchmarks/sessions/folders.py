@@ -16,7 +16,7 @@ from capture_app.cli import run
 from capture_app.session.format.common_times import REFERENCE
 from capture_app.session.library.listing import list_sessions
 from capture_app.session.reading.reader import Session
-from tests.unit.session.importing.strangers import FOLDERS, MIDDLE_NS, Folder, true_offset_ms
+from tests.unit.companions.importing.strangers import FOLDERS, MIDDLE_NS, Folder, true_offset_ms
 
 COLUMNS = {
     "folder": ("folder", ""),

@@ -16,10 +16,10 @@ from capture_app.commands.session_changes import (
     trash,
     wiggle,
 )
-from capture_app.commands.session_exchange import export, import_command
 from capture_app.commands.session_text import list_entry, list_lines, session_lines
 from capture_app.commands.shared_options import ANY_PATH
 from capture_app.common.errors import BadInputError, IncompleteError, SimulshotError
+from capture_app.common.plugins import SESSION_COMMANDS, load_plugins
 from capture_app.console.terminal import answer, json_option, print_json, print_line, talk
 from capture_app.console.usage import examples
 from capture_app.session.files.output_folder import unfinished_outputs
@@ -36,7 +36,10 @@ def sessions() -> None:
     """List, show, verify, rename, annotate, trash, repair, import and export sessions."""
 
 
-for command in (export, import_command, repair, rename, note, trash, restore, empty, sheet, wiggle):
+for command in (
+    *load_plugins(SESSION_COMMANDS, "get_short_help_str").values(),
+    *(repair, rename, note, trash, restore, empty, sheet, wiggle),
+):
     sessions.add_command(command)
 
 

@@ -18,6 +18,8 @@ COMMANDS = f"{DISTRIBUTION}.commands"
 """Group of the commands of `capture-app` that are plugins."""
 CAMERA_COMMANDS = f"{DISTRIBUTION}.camera_commands"
 """Group of the commands of `capture-app cameras` that are plugins."""
+SESSION_COMMANDS = f"{DISTRIBUTION}.session_commands"
+"""Group of the commands of `capture-app sessions` that are plugins."""
 _GROUPS = f"{DISTRIBUTION}."
 """Prefix of the names of all groups."""
 _log = logging.getLogger(__name__)

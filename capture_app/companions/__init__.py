@@ -1,1 +1,1 @@
-"""Other devices and programs beside a rig: phones, monitor, panels, foreign protocols."""
+"""Other devices and programs beside a rig: import, export, phones, monitor, panels, foreign protocols."""

@@ -13,6 +13,8 @@ METHODS = "simulshot.methods"
 """Entry points of methods."""
 CHECKS = "simulshot.checks"
 """Entry points of checks, which are parts of comparisons only."""
+COMMANDS = "simulshot.reconstruct_commands"
+"""Entry points of commands of `reconstruct` that are not methods."""
 BOUNDS: Mapping[str, Callable[[Any, Any], bool]] = {"ge": operator.ge, "gt": operator.gt, "le": operator.le}
 Pair = tuple[str, str]
 """The names of two cameras."""

@@ -7,14 +7,14 @@ from pathlib import Path
 import msgspec
 
 from capture_app.common.errors import SimulshotError
+from capture_app.companions.exporting.export_session import export_session
+from capture_app.companions.importing.recording import ImportOptions
+from capture_app.companions.importing.times.tables import timeline_by_tables
 from capture_app.plugins.footage.gopro import parse_payload, read_gps_clock
-from capture_app.session.exporting.export_session import export_session
 from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.manifest import CALIBRATION
 from capture_app.session.importing.calibrations import read_views
 from capture_app.session.importing.importer import open_sources
-from capture_app.session.importing.recording import ImportOptions
-from capture_app.session.importing.times.tables import timeline_by_tables
 from capture_app.session.reading.decoding import decode_image, read_exif, size_of
 from capture_app.session.reading.reader import Session
 from tests.fuzz.folders import Reader, contents, put, small_session

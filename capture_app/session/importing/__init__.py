@@ -1,1 +1,1 @@
-"""Import of recordings: importer interface, image sources, times, alignment, calibrations."""
+"""Importer interface, image sources, frames matched in time, calibrations of other programs."""

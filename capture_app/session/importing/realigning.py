@@ -9,17 +9,18 @@ from capture_app.common.errors import NotApplicableError
 from capture_app.session.alignment.clock_line import compose
 from capture_app.session.files.output_folder import OutputFolder
 from capture_app.session.format.common_times import REFERENCE, CameraTimes, CommonTimes
-from capture_app.session.format.manifest import ImageRecord
+from capture_app.session.format.manifest import ImageRecord, Manifest, MissingImage
 from capture_app.session.importing.frame_matching import (
+    Instant,
     TimedFrame,
     Timeline,
     timeline_by_times,
     with_common_times,
 )
-from capture_app.session.importing.recording import missing_images
 from capture_app.session.reading.reader import Session
 from capture_app.session.writing.session_writer import SessionWriter
 
+_NO_FRAME, _UNREADABLE = "the recording has no frame of it", "the frame could not be decoded"
 _PRESERVED = ("sequence", "exposure_ns", "gain", "white_balance")
 """Fields of an image that are preserved, besides its bytes and its own time."""
 
@@ -101,6 +102,26 @@ def _rewrite(session: Session, timeline: Timeline, common: CommonTimes | None) -
         )
         writer.finish(manifest.cameras, burst, missing, manifest.origin, manifest.note)
     return Session.open(session.folder)
+
+
+def missing_images(
+    writer: SessionWriter, names: Sequence[str], instants: Sequence[Instant], exported: Manifest | None
+) -> list[MissingImage]:
+    """Return the images that the session lacks, with the reasons."""
+    times_ns = exported.burst.instants_ns if exported else ()
+    absent = exported.missing if exported else ()
+    dropped = {(absence.camera, times_ns[absence.instant]) for absence in absent if absence.dropped}
+    return [
+        MissingImage(
+            camera=name,
+            instant=number,
+            reason=instant.why_missing.get(name, _UNREADABLE if name in instant.frames else _NO_FRAME),
+            dropped=(name, instant.leader_ns) in dropped,
+        )
+        for number, instant in enumerate(instants)
+        for name in names
+        if not writer.image(name, number)
+    ]
 
 
 def _since_own(now: CameraTimes, before: CameraTimes | None) -> CameraTimes:

@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 import pytest
 
-from capture_app.session.exporting.export_session import export_session
+from capture_app.companions.exporting.export_session import export_session
 from capture_app.session.exporting.point_cloud import PointCloud, write_ply
 from capture_app.session.reading.reader import Session
 from tests.unit.plugins.programs.dotted import Array, build, farthest_off

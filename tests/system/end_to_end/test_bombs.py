@@ -30,9 +30,9 @@ from capture_app.session.writing.session_writer import SessionWriter
 from capture_app.sync.rig.frame_selection import Burst
 from tests.facts import make_facts
 from tests.images import small_jpeg
+from tests.unit.companions.importing.test_bombs import png
 from tests.unit.companions.phones.places import serving
 from tests.unit.node.bursts import DISK, INSTANTS_NS, PERIOD_NS, report, upload
-from tests.unit.session.importing.test_bombs import png
 from tests.waiting import SLOW_PATIENCE_S, until
 
 MAX_MB = 200

@@ -26,7 +26,7 @@ SESSION = str(JUMPER)
     [
         "benchmarks.paper phase",
         f"reconstruction.cli multiview {SESSION} --out out",
-        # tests/system/reconstruction/batch/test_kill.py interrupts one of cheap units.
+        # tests/system/reconstruction/methods/batch/test_kill.py interrupts one of cheap units.
         f"reconstruction.cli batch {SESSION} --jobs 2 --out out",
     ],
 )

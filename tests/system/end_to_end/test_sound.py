@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from capture_app.companions.exporting.export_session import export_session
 from capture_app.plugins.cameras.sound.sound_ring import RATE_HZ
-from capture_app.session.exporting.export_session import export_session
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
 from tests.system.end_to_end.conftest import Command, Start

@@ -45,6 +45,8 @@ print(json.dumps({"session": str(written.folder), "images": len(session.manifest
 """
 UNSAID = {
     "capture_app/companions/characterize": ("characterize",),
+    "capture_app/companions/exporting": ("\n  export  ", "capture-app sessions export"),
+    "capture_app/companions/importing": ("\n  import  ",),
     "capture_app/companions/link": ("\n  link  ",),
     "capture_app/companions/monitor": ("capture-app monitor", "\n  monitor  "),
     "capture_app/companions/panel": ("--panel", "capture-app panel", "\n  panel  "),

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
-from capture_app.session.exporting.export_session import export_session
+from capture_app.companions.exporting.export_session import export_session
 from capture_app.session.format.calibration import CameraCalibration
 from capture_app.session.reading.reader import Session
 from tests.project import JUMPER

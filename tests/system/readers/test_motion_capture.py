@@ -10,7 +10,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from capture_app.session.exporting.export_session import export_session
+from capture_app.companions.exporting.export_session import export_session
 from capture_app.session.format.calibration import Calibration, CameraCalibration
 from capture_app.session.format.lens import lens_of
 from capture_app.session.reading.reader import Session

@@ -10,7 +10,7 @@ import cv2  # before pycolmap
 import numpy as np
 import pytest
 
-from capture_app.session.exporting.export_session import export_session
+from capture_app.companions.exporting.export_session import export_session
 from capture_app.session.exporting.point_cloud import PointCloud, write_ply
 from capture_app.session.format.calibration import Calibration, CameraCalibration
 from capture_app.session.format.manifest import BurstRecord, CameraRecord

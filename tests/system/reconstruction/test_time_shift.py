@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from capture_app.session.reading.reader import Session
-from reconstruction.batch.batch_plan import BatchPlan, compute_depth
+from reconstruction.methods.batch.batch_plan import BatchPlan, compute_depth
 from tests.unit.reconstruction.conftest import Reconstruct
 from tests.unit.reconstruction.test_time_shift import (
     FRAME_MS,

@@ -15,8 +15,8 @@ import pytest
 
 from capture_app.cli import run
 from capture_app.common.errors import ExitCode, SimulshotError
+from capture_app.companions.importing.recording import ImportOptions
 from capture_app.session.format.manifest import CALIBRATION, JOURNAL, MANIFEST
-from capture_app.session.importing.recording import ImportOptions
 from capture_app.session.reading.checksums import CHECKSUMS
 from capture_app.session.reading.decoding import image_size
 from capture_app.session.reading.reader import Session

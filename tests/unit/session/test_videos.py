@@ -10,7 +10,7 @@ import pytest
 
 from capture_app.cli import run
 from capture_app.common.errors import BadInputError, DiskError, DiskFullError, ExitCode
-from capture_app.session.exporting.export_session import export_session
+from capture_app.companions.exporting.export_session import export_session
 from capture_app.session.library.changes import set_note
 from capture_app.session.library.listing import read_card
 from capture_app.session.reading.reader import Session

@@ -8,7 +8,7 @@ import cv2  # noqa: F401 - before pycolmap
 import numpy as np
 import pytest
 
-from capture_app.session.exporting.export_session import export_session
+from capture_app.companions.exporting.export_session import export_session
 from capture_app.session.reading.reader import Session
 from tests.project import JUMPER
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from capture_app.session.exporting.export_session import export_session
+from capture_app.companions.exporting.export_session import export_session
 from tests.unit.plugins.programs.clicks import clicks_of
 from tests.unit.plugins.programs.test_mp4_sound import CLICKS, takes
 from tests.unit.plugins.programs.test_videos import frames

@@ -6,9 +6,9 @@ import cv2
 import numpy as np
 import pytest
 
-from capture_app.session.exporting.export_session import export_session
+from capture_app.companions.exporting.export_session import export_session
+from capture_app.companions.importing.recording import ImportOptions
 from capture_app.session.format.calibration import CameraCalibration
-from capture_app.session.importing.recording import ImportOptions
 from tests.imported import import_one
 from tests.unit.plugins.programs.dotted import (
     WIDTH,

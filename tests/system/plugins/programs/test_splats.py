@@ -7,7 +7,7 @@ import cv2  # before pycolmap
 import numpy as np
 import pytest
 
-from capture_app.session.exporting.export_session import export_session
+from capture_app.companions.exporting.export_session import export_session
 from capture_app.session.exporting.starting_points import match_points
 from capture_app.session.format.calibration import CameraCalibration
 from tests.unit.plugins.programs.conftest import calibrated

@@ -13,8 +13,8 @@ import msgspec
 import numpy as np
 import pytest
 
+from capture_app.companions.exporting.export_session import export_session
 from capture_app.plugins.programs.n3dv import POINTS as N3DV_POINTS
-from capture_app.session.exporting.export_session import export_session
 from capture_app.session.reading.reader import Session
 from tests.unit.plugins.programs.dotted import (
     CAMERAS,

@@ -15,18 +15,19 @@ from tests.unit.reconstruction.methods.test_deletion import (
     tree,  # noqa: F401 - a fixture
 )
 
-WITHOUT_STUDY = {"trajectory", "view"}
+WITHOUT_STUDY = {"batch", "trajectory", "view"}
 STUDIES = [name for name in NAMES if name not in WITHOUT_STUDY]
 GONE = [*((name,) for name in NAMES), NAMES]
 """Each method, and all."""
 COMPARED = [*((name,) for name in STUDIES), sorted(WITHOUT_STUDY), NAMES]
 """Each method of a comparison, those that are in none, and all."""
-OWN_COMMANDS = {"multiview", "panorama", "stereo"}
+OWN_COMMANDS = {"batch", "multiview", "panorama", "stereo"}
+PAIRED = {"panorama", "stereo"}
 HELP = """
 import reconstruction
 from reconstruction.cli import run
 from reconstruction.reconstructed_session import ReconstructedSession
-assert run(["--help"]) == run(["compare", "--help"]) == run(["batch", "--help"]) == 0
+assert run(["--help"]) == run(["compare", "--help"]) == 0
 print("public:", *dir(reconstruction), *dir(ReconstructedSession.__new__(ReconstructedSession)))
 """
 
@@ -39,11 +40,11 @@ def test_the_help_of_the_others_works_and_does_not_name_it(tree: CutTree, gone: 
     listed = shown.partition("Commands:")[2].partition("\n\n")[0]
     commands = set(re.findall(r"^  (\w+)  ", listed, re.MULTILINE))
     assert commands & OWN_COMMANDS == OWN_COMMANDS - {*gone}
-    assert {"compare", "batch", "calibrate"} <= commands
+    assert {"compare", "calibrate"} <= commands
     choices = re.search(r"--study \[([a-z_|]*)\]", shown)[1]
     assert choices == "|".join(name for name in STUDIES if name not in gone)
-    for name in OWN_COMMANDS:
-        assert (f"--{name}-pair" in shown) == (name not in gone and name != "multiview")
+    for name in OWN_COMMANDS - {"batch"}:
+        assert (f"--{name}-pair" in shown) == (name in PAIRED and name not in gone)
         assert (name.capitalize() in public.split()) == (name in public.split()) == (name not in gone)
 
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from capture_app.session.importing.recording import ImportOptions
+from capture_app.companions.importing.recording import ImportOptions
 from capture_app.session.reading.reader import Session
 from reconstruction.method.timing import measure_pair_timing
 from reconstruction.scene.dataset import Dataset

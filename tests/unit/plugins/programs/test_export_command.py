@@ -192,7 +192,7 @@ def test_a_package_that_is_not_there(
 def test_a_full_disk_leaves_nothing(
     make: Make, refuses: Callable[..., None], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from capture_app.session.exporting import export_session
+    from capture_app.companions.exporting import export_session
 
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device", "rig_config.json")

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from capture_app.common.errors import BadInputError
-from capture_app.session.exporting.export_session import export_session
+from capture_app.companions.exporting.export_session import export_session
 from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.lens import lens_of
 from capture_app.session.importing.calibrations import fit_calibration, read_views

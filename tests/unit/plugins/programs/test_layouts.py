@@ -12,11 +12,11 @@ import pytest
 
 from capture_app.cli import run
 from capture_app.common.errors import BadInputError, ExitCode
-from capture_app.session.importing.recording import ImportOptions, import_found
+from capture_app.companions.importing.recording import ImportOptions, import_found
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
 from tests.imported import import_one
-from tests.unit.session.importing.numbered_video import numbers_of, times_of, write_video
+from tests.unit.companions.importing.numbered_video import numbers_of, times_of, write_video
 
 CAMERA = """[cam_{n}]
 name = "cam_{n}"

@@ -10,12 +10,12 @@ from mcap.writer import CompressionType, Writer
 from mcap_protobuf.schema import register_schema
 
 from capture_app.common.errors import BadInputError
+from capture_app.companions.importing.recording import ImportOptions
 from capture_app.plugins.programs.mcap.bags import foxglove_message
-from capture_app.session.importing.recording import ImportOptions
 from capture_app.session.reading.verify import verify
 from tests.imported import import_one
+from tests.unit.companions.importing.numbered_video import times_of
 from tests.unit.session.conftest import jpeg
-from tests.unit.session.importing.numbered_video import times_of
 
 TURN = cv2.Rodrigues(np.array([0.0, 0.3, 0.0]))[0]
 """parent_from_camera of the second camera: it looks to its right."""

@@ -12,12 +12,12 @@ import pytest
 
 from capture_app.cli import run
 from capture_app.common.errors import BadInputError, ExitCode
-from capture_app.session.importing.recording import ImportOptions
+from capture_app.companions.importing.recording import ImportOptions
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
 from tests.imported import import_one
+from tests.unit.companions.importing.numbered_video import US, numbers_of, times_of, write_video
 from tests.unit.session.conftest import jpeg
-from tests.unit.session.importing.numbered_video import US, numbers_of, times_of, write_video
 
 
 def shot(folder: Path, time: str, leader_ns: int, *, nv21: bool = False) -> None:

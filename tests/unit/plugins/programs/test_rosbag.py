@@ -11,8 +11,8 @@ from mcap.reader import make_reader
 
 from capture_app.cli import run
 from capture_app.common.errors import BadInputError, ExitCode
+from capture_app.companions.importing.recording import ImportOptions
 from capture_app.plugins.programs.mcap.mcap_writer import ros_topics
-from capture_app.session.importing.recording import ImportOptions
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
 from tests.imported import import_one

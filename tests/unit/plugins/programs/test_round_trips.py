@@ -9,10 +9,10 @@ import pytest
 
 from capture_app.cli import run
 from capture_app.common.errors import BadInputError, ExitCode
-from capture_app.session.exporting.export_session import export_session
+from capture_app.companions.exporting.export_session import export_session
+from capture_app.companions.importing.recording import ImportOptions
 from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.manifest import ImageRecord
-from capture_app.session.importing.recording import ImportOptions
 from capture_app.session.reading.decoding import decode_image
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify

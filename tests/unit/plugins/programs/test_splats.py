@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from capture_app.common.errors import BadInputError, IncompleteError
-from capture_app.session.exporting.export_session import export_session
+from capture_app.companions.exporting.export_session import export_session
 from capture_app.session.exporting.pinhole import common_pinhole, nearest_pinhole
 from capture_app.session.exporting.point_cloud import PointCloud, read_ply, write_ply
 from capture_app.session.exporting.starting_points import match_points

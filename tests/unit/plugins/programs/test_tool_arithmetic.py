@@ -13,7 +13,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from capture_app.session.exporting.export_session import export_session
+from capture_app.companions.exporting.export_session import export_session
 from capture_app.session.reading.reader import Session
 from tests.unit.plugins.programs.dotted import (
     CAMERAS,

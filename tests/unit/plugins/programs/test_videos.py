@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from capture_app.common.errors import BadInputError
+from capture_app.companions.importing.recording import ImportOptions
 from capture_app.plugins.programs.caliscope.caliscope_writer import camera_numbers
 from capture_app.session.exporting.csv_tables import paired_names
 from capture_app.session.exporting.videos import write_video
 from capture_app.session.format.export_record import FRAMES
-from capture_app.session.importing.recording import ImportOptions
 from capture_app.session.reading.reader import Session
 from capture_app.session.writing.session_writer import SessionWriter
 from tests.imported import import_one

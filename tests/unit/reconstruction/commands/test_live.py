@@ -19,3 +19,9 @@ def test_without_previews_on_stdin(
     refused = reconstruct("live")
     assert refused.code == ExitCode.BAD_INPUT
     assert "there are no previews of a rig on stdin" in refused.complaint
+
+
+def test_the_help_lists_what_people_type(reconstruct: Reconstruct) -> None:
+    shown = reconstruct("--help").out
+    assert "\n  batch  " in shown
+    assert "\n  live  " not in shown

@@ -1,15 +1,15 @@
-"""A method or check is one folder: without it and its entry point, all else runs and says nothing of it."""
+"""A method, check or command is one folder: without it and its entry point, the rest runs without it."""
 
 import subprocess
 from collections.abc import Sequence
 
 import pytest
 
-from reconstruction.common.options import CHECKS, METHODS
+from reconstruction.common.options import CHECKS, COMMANDS, METHODS
 from tests.project import ROOT
 from tests.unit.packaging.cut_tree import ENTRIES, CutTree
 
-FOLDERS = {"methods": ENTRIES[METHODS], "checks": ENTRIES[CHECKS]}
+FOLDERS = {"methods": ENTRIES[METHODS] | ENTRIES[COMMANDS], "checks": ENTRIES[CHECKS]}
 NAMES = sorted(name for entries in FOLDERS.values() for name in entries)
 
 

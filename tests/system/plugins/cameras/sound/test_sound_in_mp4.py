@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from capture_app.session.exporting.export_session import export_session
+from capture_app.companions.exporting.export_session import export_session
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
 from tests.unit.plugins.cameras.sound.arrivals import BEGIN_NS

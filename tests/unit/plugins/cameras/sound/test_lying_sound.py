@@ -7,8 +7,8 @@ import cv2
 import numpy as np
 import pytest
 
+from capture_app.companions.exporting.export_session import export_session
 from capture_app.plugins.cameras.sound.image_sound import SoundPart, add_segments, sound_segments
-from capture_app.session.exporting.export_session import export_session
 from capture_app.session.format.manifest import BurstRecord, CameraRecord
 from capture_app.session.writing.session_writer import SessionWriter
 from tests.facts import make_facts

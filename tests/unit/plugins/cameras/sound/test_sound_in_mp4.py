@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from capture_app.common.clock import SimulatedClock
+from capture_app.companions.exporting.export_session import export_session
 from capture_app.plugins.cameras.sound.image_sound import add_segments
 from capture_app.plugins.cameras.sound.sound_ring import SoundRing
-from capture_app.session.exporting.export_session import export_session
 from capture_app.session.format.manifest import (
     BurstRecord,
     CameraRecord,

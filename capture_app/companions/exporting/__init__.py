@@ -1,0 +1,1 @@
+"""Export of sessions in the formats of other programs."""

@@ -1,0 +1,138 @@
+"""What a path holds: a program's recordings, the takes in an arbitrary folder, or cameras that are named."""
+
+import filecmp
+from collections import Counter
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations, product
+from pathlib import Path
+
+from capture_app.common.errors import BadInputError
+from capture_app.common.names import natural_order
+from capture_app.common.text import count
+from capture_app.companions.importing.clips import CALIBRATION, find_shoots
+from capture_app.companions.importing.times.tables import find_tables
+from capture_app.session.importing.importer import (
+    camera_importer,
+    load_importers,
+    open_sources,
+    recognize_recording,
+    recordings_in,
+    split_name,
+)
+from capture_app.session.importing.recording_sources import VIDEO_SUFFIXES, Layout, Source, folders_below
+
+MAX_NAMED = 8
+"""Number of files and folders that are named one by one."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class FindOptions:
+    """Which recording is opened, and how."""
+
+    recording: str | None = None
+    """Name of one recording, if a program's folder has several."""
+    png: bool = False
+    """Store a video's frames as PNG instead of JPEG (quality 95)."""
+    split: str | None = None
+    """`side-by-side` if each picture holds a left and a right view, as stereo cameras write them."""
+
+
+def find_recordings(
+    paths: Sequence[str], options: FindOptions, *, states_times: bool
+) -> tuple[list[Layout], list[str]]:
+    """Return the recordings of a program's folder, or the takes in an arbitrary one, and lines about them.
+
+    `states_times`: the user states the times, so that no table of them is looked for. Raises BadInputError if
+    there is nothing to import.
+    """
+    given, path = split_name(paths[0])
+    alone = len(paths) == 1 and not given
+    named = recordings_in(path) if alone and path.is_dir() else []
+    if named and options.recording not in (None, *named):
+        raise BadInputError(f"{path} has no recording {options.recording}", hint=f"it has {', '.join(named)}")
+    if named and options.recording is None:
+        each = [replace(options, recording=recording) for recording in named]
+        found = [find_recordings(paths, one, states_times=states_times)[0][0] for one in each]
+        takes = [replace(layout, take=take) for layout, take in zip(found, named, strict=True)]
+        said = f"{path} has {count(len(named), 'recording')}, a session each: {', '.join(named)}"
+        return takes, [said] * (len(named) > 1)
+    layout = recognize_recording(path, png=options.png, recording=options.recording) if alone else None
+    if layout is not None and (layout.record is None or not states_times):
+        return [replace(layout, notes=(f"{layout.path} is of {layout.program}", *layout.notes))], []
+    arbitrary = layout is None and alone and path.is_dir()
+    if arbitrary and not any(one.is_dir() and camera_importer(one) for one in (path, *path.iterdir())):
+        return _find_takes(path, options, states_times)
+    sources = open_sources(paths, png=options.png, recording=options.recording)
+    return [Layout(path=path, sources=tuple(sources))], []
+
+
+def _find_takes(folder: Path, options: FindOptions, states_times: bool) -> tuple[list[Layout], list[str]]:
+    """Return the takes in an arbitrary folder, otherwise its cameras; and lines about them."""
+    shoots, notes = find_shoots(folder)
+    for take, clips in shoots:
+        files = (f"{camera} = {clip.path.relative_to(folder)}" for camera, clip in clips.items())
+        notes.append(f"found {take or 'one recording'}: {', '.join(files)}")
+    takes = {
+        take: [f"{camera}={clip.path}" for camera, clip in clips.items()]
+        for take, clips in shoots
+        if options.recording in (None, take)
+    }
+    beside, found = find_calibration(folder), []
+    used = [beside] if beside else []
+    for take, cameras in (takes or {"": [str(folder)]}).items():
+        sources = open_sources(cameras, png=options.png)
+        tables, said = ((), []) if states_times else find_tables(sources, folder)
+        notes += said
+        used += [*(source.path for source in sources), *(table for _, table in tables)]
+        found.append(Layout(path=folder, sources=tuple(sources), take=take, timestamps=tables, beside=beside))
+    # What becomes of each video was said above.
+    return found, [*notes, *describe_unused(folder, used, VIDEO_SUFFIXES if shoots else ())]
+
+
+def find_calibration(folder: Path) -> Path | None:
+    """Return a calibration in a folder, or in a subfolder with a name for calibrations."""
+    inner = [path for path in sorted(folder.iterdir()) if path.is_dir() and CALIBRATION.search(path.name)]
+    for place, importer in product((folder, *inner), load_importers()):
+        for pattern in importer.calibration_files:
+            if (file := min(place.glob(pattern), default=None)) is not None:
+                return place if importer.calibration_per_camera else file
+    return None
+
+
+def describe_unused(folder: Path, used: Collection[Path], suffixes: Sequence[str] = ()) -> list[str]:
+    """Return a line about the files below a folder that are not used, nor in used folders; none if none.
+
+    Files of the `suffixes` are not listed.
+    """
+    whole = {path.resolve() for path in used}
+    names: list[str] = []
+    for place in folders_below(folder):
+        if place.resolve() in whole:
+            continue
+        files = [
+            path
+            for path in sorted(place.iterdir(), key=lambda path: natural_order(path.name))
+            if path.is_file()
+            and not path.name.startswith(".")
+            and path.suffix.lower() not in suffixes
+            and path.resolve() not in whole
+        ]
+        inside = place.relative_to(folder)
+        kinds = Counter(path.suffix.lower() or "no suffix" for path in files)
+        alone = [str(inside / path.name) for path in files if kinds[path.suffix.lower() or "no suffix"] < 3]
+        names += alone
+        where = "" if place == folder else f"{inside}: "
+        names += [f"{where}{n} {kind}" for kind, n in kinds.items() if n >= 3]
+    more = f" and {len(names) - MAX_NAMED} more" if len(names) > MAX_NAMED else ""
+    return [f"not used: {', '.join(names[:MAX_NAMED])}{more}"] if names else []
+
+
+def describe_equal(sources: Sequence[Source]) -> list[str]:
+    """Return a line about each two cameras whose files are equal."""
+    files = [source.path for source in sources if source.path.is_file()]
+    return [
+        f"{one} and {other} are equal files: they are one camera, not two"
+        for one, other in combinations(files, 2)
+        if filecmp.cmp(one, other, shallow=False)
+    ]

@@ -1,0 +1,94 @@
+"""Videos and images are found equally deep, and what is not used is named."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from capture_app.common.errors import BadInputError
+from capture_app.companions.importing.found import describe_unused, find_calibration
+from capture_app.companions.importing.recording import ImportOptions, import_found
+from capture_app.session.importing.importer import image_cameras
+from capture_app.session.importing.recording_sources import folders_below
+from tests.imported import import_one
+from tests.unit.companions.importing.numbered_video import write_video
+from tests.unit.session.conftest import jpeg
+
+
+def images(folder: Path, count: int = 3) -> None:
+    folder.mkdir(parents=True)
+    for number in range(count):
+        (folder / f"{number}.jpg").write_bytes(jpeg(number))
+
+
+def found(folder: Path, *sources: str) -> tuple[list[list[str]], str]:
+    said: list[str] = []
+    options = ImportOptions(fps=30, align="none")
+    sessions = import_found(sources or [str(folder)], folder.parent / "out", "s", options, talk=said.append)
+    return [[camera.name for camera in one.manifest.cameras] for one in sessions], "\n".join(said)
+
+
+@pytest.mark.parametrize("inner", ["{}", "{}/data", "rig/{}/images/full", "{}/a/b/c/d/e"])
+def test_images_are_found_deep(tmp_path: Path, inner: str) -> None:
+    for camera in ("cam0", "cam1"):
+        images(tmp_path / "rec" / inner.format(camera))
+    assert found(tmp_path / "rec")[0] == [["cam0", "cam1"]]
+
+
+def test_the_images_of_a_camera_that_is_named_lie_deeper(tmp_path: Path) -> None:
+    for camera in ("cam0", "cam1"):
+        images(tmp_path / "rec" / camera / "data")
+    cameras = [f"{side}={tmp_path / 'rec' / camera}" for side, camera in (("l", "cam0"), ("r", "cam1"))]
+    assert found(tmp_path / "rec", *cameras)[0] == [["l", "r"]]
+    images(tmp_path / "rec" / "cam0" / "depth")
+    with pytest.raises(BadInputError, match="cam0 has several folders of images or videos: data, depth"):
+        import_one(cameras, tmp_path, "again", ImportOptions(fps=30))
+
+
+def test_videos_five_deep_beside_images_are_the_cameras(tmp_path: Path) -> None:
+    images(tmp_path / "rec" / "stills")
+    for camera in ("a", "b"):
+        write_video(tmp_path / "rec" / "1/2/3/4/5" / f"{camera}.mp4", (0, 33_000, 66_000))
+    cameras, said = found(tmp_path / "rec")
+    assert cameras == [["a", "b"]]
+    assert "not used: stills: 3 .jpg" in said
+
+
+def test_takes_of_images_are_not_one_take(tmp_path: Path) -> None:
+    for take in ("take1", "take2"):
+        for camera in ("cam0", "cam1"):
+            images(tmp_path / "rec" / take / camera)
+    with pytest.raises(BadInputError, match="4 folders of images, of several takes or kinds: take1/cam0"):
+        image_cameras(tmp_path / "rec")
+
+
+def test_what_is_not_used_is_one_line(tmp_path: Path, make_images: Callable[..., Path]) -> None:
+    folder = make_images("left", ["0.jpg"]).parent
+    for name in ("sensor.yaml", "notes.txt", ".DS_Store", *(f"{n}.dat" for n in range(4))):
+        (folder / name).write_text("x")
+    said = describe_unused(folder, [folder / "left"])
+    assert said == ["not used: notes.txt, sensor.yaml, 4 .dat"]
+    assert describe_unused(folder / "left", [folder / "left"]) == []
+
+
+def test_links_in_a_circle_end(tmp_path: Path) -> None:
+    (tmp_path / "a").mkdir()
+    (tmp_path / "a" / "again").symlink_to(tmp_path)
+    (tmp_path / "a" / "itself").symlink_to(tmp_path / "a" / "itself")
+    assert list(folders_below(tmp_path)) == [tmp_path, tmp_path / "a"]
+
+
+def test_a_calibration_lies_beside_or_in_a_folder_that_says_so(tmp_path: Path) -> None:
+    for folder in ("calibration", "photos"):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "rig_config.json").touch()
+    assert find_calibration(tmp_path / "photos") == tmp_path / "photos/rig_config.json"
+    assert find_calibration(tmp_path) == tmp_path / "calibration/rig_config.json"
+    (tmp_path / "calibration/cam0-camchain.yaml").touch()
+    (tmp_path / "calibration/rig_config.json").unlink()
+    assert find_calibration(tmp_path) == tmp_path / "calibration/cam0-camchain.yaml"
+    (tmp_path / "rig_config.json").touch()
+    assert find_calibration(tmp_path) == tmp_path / "rig_config.json"
+    (tmp_path / "rig_config.json").unlink()
+    (tmp_path / "calibration").rename(tmp_path / "pictures")
+    assert find_calibration(tmp_path) is None

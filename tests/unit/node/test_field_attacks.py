@@ -19,7 +19,7 @@ N7  4,000 made-up names                    node/enrolment/test_below_relays.py::
 N7  an image acknowledged and kept         node/enrolment/test_receipts.py::test_a_relay_that_confirms
 N7  a standby that leads beside a leader   node/enrolment/test_standby.py::test_a_standby_that_leads_beside
 N8  a disk error in a recording            node/burst/test_broken_off_recordings.py::test_a_recording_goes
-N9  long and deep files, pipes             session/importing/test_bombs.py::test_a_deep_or_long_file
+N9  long and deep files, pipes             companions/importing/test_bombs.py::test_a_deep_or_long_file
 N10 idle connections at the phones' port   end_to_end/test_bombs.py::test_idle_connections
 """
 

@@ -125,6 +125,7 @@ def measure_pair_timing(
     timing = with_repeats(
         timing, {name: offsets.repeated(name) for name in cameras}, stalled_images(dataset, cameras)
     )
+    timing = with_unseen_ends(timing, offsets.measure(*cameras))
     timing = without_common_times(timing, dataset.unsynchronized)
     timing = structs.replace(timing, tried_ms=offsets.max_offset_ms)
     return with_planned_delay(timing, dataset.planned_delay_ms(first, second))
@@ -206,8 +207,6 @@ def judge_timing(
     end_ms = _largest_by_slope_ms(instants, late)
     points = "matched points" if moving_cameras else "points at rest"
     listed = ", ".join(map(str, unknown.disagreeing))
-    first, last = (end((instant.instant for instant in instants), default=0) for end in (min, max))
-    hidden = sum(not first <= k <= last for k in fit.unvoted) > MAX_UNSEEN * fit.examined
     doubts = {
         f"{other}'s frames wander by ± {SIGMAS * (jitter_ms or 0.0):.1f} ms": jitter_ms is not None,
         f"the calibration does not fit the pictures: {points} are {fit.misfit_px or 0.0:.1f} pixels off "
@@ -217,7 +216,6 @@ def judge_timing(
         f"{odd} of {len(instants)} instants disagree with the others": odd > 0,
         f"instant {listed} disagrees with the others": len(unknown.disagreeing) == 1,
         f"instants {listed} disagree with the others": len(unknown.disagreeing) > 1,
-        f"the offset is seen at instants {first} to {last} alone; others have motion too": hidden,
         f"single images may be off by up to {possible_ms:.1f} ms": possible_ms > limit_ms,
         "the measured offset is neither clearly zero nor clearly different from zero": not offset
         and abs(late) > SIGMAS * sd,
@@ -228,7 +226,7 @@ def judge_timing(
         abs(instant.late_ms) - ODD_SIGMAS * instant.sd_ms < spacing_ms / 2 for instant in instants
     )
     # If measured images disagree, others may be farther off.
-    same &= not hidden and not unknown.disagreeing and (not odd or is_same_instant(possible_ms, spacing_ms))
+    same &= not unknown.disagreeing and (not odd or is_same_instant(possible_ms, spacing_ms))
     denied = offset or jitter_ms is not None
     return structs.replace(
         unknown,
@@ -270,6 +268,21 @@ def _max_jitter_ms(instants: Sequence[InstantOffset], late_ms: float) -> float:
     jitters = np.linspace(0, 3 * np.sqrt(scatter.max() + variances.max()), 200)
     possible = np.minimum(scatter / (variances + jitters[:, None] ** 2), 4).sum(1) >= least
     return float(jitters[possible].max(initial=0.0))
+
+
+def with_unseen_ends(timing: Timing, fit: OffsetFit) -> Timing:
+    """Return the judgement of a take whose two cameras show their offset in a part of its motion alone.
+
+    Neither synchronized nor of one frame: what is dropped before or after that part does not show. `fit`
+    is that of the two, also where the whole rig's is judged.
+    """
+    if timing.offset or not fit.instants:
+        return timing
+    first, last = (end(instant.instant for instant in fit.instants) for end in (min, max))
+    if sum(not first <= k <= last for k in fit.unvoted) <= MAX_UNSEEN * fit.examined:
+        return timing
+    reason = f"the offset is seen at instants {first} to {last} alone; others have motion too"
+    return _denied(timing, timing.reason or reason)
 
 
 def without_common_times(timing: Timing, problem: str) -> Timing:

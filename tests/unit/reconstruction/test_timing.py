@@ -9,6 +9,7 @@ from reconstruction.method.timing import (
     with_curve_peak,
     with_depth_runs,
     with_planned_delay,
+    with_unseen_ends,
     without_common_times,
 )
 from reconstruction.report.findings import sentences
@@ -106,10 +107,13 @@ def test_an_offset_that_is_seen_at_one_end_of_the_motion_only_certifies_nothing(
     unseen: tuple[int, ...], certain: bool
 ) -> None:
     instants = tuple(InstantOffset(k, 0.1, 0.5, 20) for k in (0, 1, 2, 7, 8))
-    found = judge_timing(PAIR, OffsetFit(0.1, 0.4, "", instants, unvoted=unseen), 0.0, FRAME_MS)
-    assert found.synchronized == certain
-    assert (found.same_frame_ms is not None) == certain
-    assert certain or "seen at instants 0 to 8 alone" in timing_sentences(found)
+    pair = OffsetFit(0.1, 0.4, "", instants, unvoted=unseen)
+    # A rig of three knows the offset better than the two, and has no instants of its own.
+    for fit in (pair, OffsetFit(0.0, 0.2)):
+        found = with_unseen_ends(judge_timing(PAIR, fit, 0.0, FRAME_MS), pair)
+        assert found.synchronized == certain
+        assert (found.same_frame_ms is not None) == certain
+        assert certain or "seen at instants 0 to 8 alone" in timing_sentences(found)
 
 
 def test_frames_that_wander_about_zero_are_not_synchronized() -> None:

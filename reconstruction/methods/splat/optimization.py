@@ -16,7 +16,7 @@ from reconstruction.methods.splat.gaussians import Gaussians, Projected, bands, 
 RATES = {"colours": 0.02, "logits": 0.1, "grown": 0.02}
 """Adam's step of each parameter: colours from 0 to 1, opacity's logit, logarithm of the size's factor."""
 LIMITS = {"colours": (0.0, 1.0), "logits": (-8.0, 8.0), "grown": (-1.5, 1.0)}
-FIRST, LAST = 2.5, 0.5
+FIRST, LAST = 1.75, 0.25
 """Factors of the first and of the last step: fine texture takes large steps, and noise small ones."""
 MIN_OPACITY = 0.05
 """Opacity below which a Gaussian is removed at the end."""

@@ -339,9 +339,7 @@ class FrameLine:
         self._since_fit += 1
         self._trim()
         if fit and (not self.known or self._since_fit >= max(REFIT_FRAMES, REFIT_FRACTION * self._frames)):
-            # The intercept lies where the stream began: another period moves it by all that came since.
             self._fit()
-            self.update_height()
         # The median of many frames hardly changes by one.
         elif not len(self.run) % max(1, min(len(self.run), self.phase_frames) // PHASE_FRAMES):
             self.update_height()
@@ -372,3 +370,5 @@ class FrameLine:
             self.noise_ns = min_ns
         if period_sigma_ns < 0.01 * self._nominal_ns:
             self.period_ns, self.period_sigma_ns = period_ns, period_sigma_ns
+        # The intercept lies where the stream began: another period moves it by all that came since.
+        self.update_height()

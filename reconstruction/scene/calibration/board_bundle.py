@@ -240,9 +240,8 @@ class Adjustment:
 
     def rms_px(self, values: Array) -> float:
         """Return the root mean square of the residuals, corners that were misread counted less."""
-        return float(
-            np.sqrt(self.squares(values).sum() / max(1, sum(at.size for _, at in self.seen.values())))
-        )
+        count = sum(pixels.size for _, pixels in self.seen.values())
+        return float(np.sqrt(self.squares(values).sum() / max(1, count)))
 
     def squares(self, values: Array) -> Array:
         """Return each sighting's sum of squared residuals, px^2, corners that were misread counted less."""

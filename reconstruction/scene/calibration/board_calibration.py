@@ -104,11 +104,11 @@ def calibrate_lens(
         plain, plain_squares = _adjusted_lens(size, plain, sightings)
         if _signed_ranks(plain_squares - squares) < CLEARLY_BETTER:
             return plain
+        corners = sum(map(len, pixels))
+        fisheye_px, plain_px = (float(np.sqrt(of.sum() / 2 / corners)) for of in (squares, plain_squares))
         talk(
-            "{} has a fisheye: the corners fit that model within {:.2f} px, and a perspective lens within "
-            "{:.2f} px".format(
-                name, *np.sqrt([of.sum() / 2 / sum(map(len, pixels)) for of in (squares, plain_squares)])
-            )
+            f"{name} has a fisheye: the corners fit that model within {fisheye_px:.2f} px, and a perspective "
+            f"lens within {plain_px:.2f} px"
         )
     return lens
 

@@ -383,10 +383,14 @@ def fit_offset(
             reason=f"only {len(instants)} instants have enough motion; {MIN_INSTANTS} are needed",
             instants=instants,
         )
-    if not change.witnessed([instant.instant for instant in instants]):
-        return fit_offset(crossings, still, period_ms, recorded_px, steady=True)
+    is_wrong = not change.witnessed([instant.instant for instant in instants])
     if change.drift:
-        change = _refined(change, instants, period_ms)
+        rate = _refined(change, instants, period_ms)
+        left = _changing(instants, structs.replace(change, drift=change.drift - rate.drift), period_ms)
+        # A rate leaves no drift; a wrong calibration leaves one where the motion changes its direction.
+        is_wrong, change = scatter_ms(left, period_ms)[1], rate
+    if is_wrong:
+        return fit_offset(crossings, still, period_ms, recorded_px, steady=True)
     offset_ms = float(fit.values[0])
     # Where motion turns, a point crosses its line twice, and only at the wrong time fast.
     slower = crossings.only(np.abs(crossings.across_px_per_ms) * period_ms > MIN_ACROSS_PX / 2)

@@ -323,21 +323,29 @@ def with_planned_delay(timing: Timing, planned_ms: float) -> Timing:
 def with_depth_runs(timing: Timing, peaks_ms: Mapping[int, float], spacing_ms: float) -> Timing:
     """Return the judgement without one common frame if successive instants find most depth at another offset.
 
-    `peaks_ms` holds the offset of each instant, in order, whose own depth curve has a clear maximum. A single
-    one may be a wrong match. A measured offset, a change of it and a certificate by motion remain.
+    `peaks_ms` holds the offset of each instant whose own depth curve has a clear maximum, in order. A single
+    one may be a wrong match; the first or the last counts if motion tells no frame, as a drop hides there. A
+    measured offset, a change of it and a certificate by motion remain.
     """
     instants, offsets_ms = [*peaks_ms], [*peaks_ms.values()]
     most_ms = min(multimode(offsets_ms), default=0.0)
     runs = [[*run] for _, run in groupby(range(len(offsets_ms)), key=offsets_ms.__getitem__)]
-    odd = [run for run in runs if len(run) > 1 and abs(offsets_ms[run[0]] - most_ms) > spacing_ms / 2]
+    ends = {0, len(instants) - 1} if timing.same_frame_ms is None else set()
+    odd = [
+        [instants[k] for k in run]
+        for run in runs
+        if (len(run) > 1 or ends & {*run}) and abs(offsets_ms[run[0]] - most_ms) > spacing_ms / 2
+    ]
     if timing.offset or timing.synchronized or timing.misfit_px is not None or not odd:
         return timing
-    where = [
-        f"{_paired(offsets_ms[run[0]])} at instants {instants[run[0]]} to {instants[run[-1]]}" for run in odd
-    ]
+    where = [f"{_paired(peaks_ms[run[0]])} at {_instants(run)}" for run in odd]
     reason = f"depth is found best {', '.join(where)}, and {_paired(most_ms)} at most others"
-    disagreeing = {*timing.disagreeing, *(instants[k] for run in odd for k in run)}
+    disagreeing = {*timing.disagreeing, *(k for run in odd for k in run)}
     return structs.replace(_denied(timing, reason), disagreeing=tuple(sorted(disagreeing)))
+
+
+def _instants(run: Sequence[int]) -> str:
+    return f"instants {run[0]} to {run[-1]}" if len(run) > 1 else f"instant {run[0]}"
 
 
 def _paired(later_ms: float) -> str:

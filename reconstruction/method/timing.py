@@ -20,7 +20,7 @@ from reconstruction.time_offsets.crossings import (
 )
 from reconstruction.time_offsets.instant_votes import UNCHANGED, Change
 from reconstruction.time_offsets.pair_offset import PairOffsets
-from reconstruction.time_offsets.rig_offsets import measure_rig_offsets
+from reconstruction.time_offsets.rig_offsets import joined_to, likely_pairs, measure_rig_offsets
 from reconstruction.time_offsets.single_images import SingleImages, stalled_images
 
 SIGMAS = 2.0
@@ -31,6 +31,7 @@ MAX_UNSEEN = 0.25
 """Fraction of the instants with motion that may show no offset before and after those that do.
 
 A frame that is dropped there is not seen."""
+UNSEEN_BY_PAIRS = "no chain of pairs shows its offset throughout: each is seen in a part of the motion alone"
 SURE_FRAMES = 0.1
 """Error, in frames, above which a measurement certifies nothing."""
 LOST_FRACTION = 0.5
@@ -108,24 +109,23 @@ class Timing(Struct, frozen=True, kw_only=True):
 
 
 def measure_pair_timing(
-    offsets: PairOffsets, cameras: tuple[str, str], fit: OffsetFit | None = None
+    offsets: PairOffsets, cameras: tuple[str, str], fit: OffsetFit | None = None, unseen: str = ""
 ) -> Timing:
     """Measure and judge the second camera's time offset against the first, at instants with motion.
 
-    A `fit` is the offset as measured by other means.
+    A `fit` is the offset as measured by other means, and `unseen` why these do not show it at all instants.
     """
     dataset, (first, second) = offsets.dataset, cameras
+    fit = fit or offsets.measure(*cameras)
     spacing_ms = min((b - a for a, b in pairwise(dataset.instants_ns)), default=dataset.period_ns) / 1e6
     times = ImageTimes(dataset, cameras)
     apart = [times.middle_ms(second, k) - times.middle_ms(first, k) for k in dataset.instants(*cameras)]
     moving = {name: px * spacing_ms / ms for name, (px, ms) in offsets.moving(cameras).items()}
-    timing = judge_timing(
-        cameras, fit or offsets.measure(*cameras), float(np.median(apart or [0.0])), spacing_ms, moving
-    )
+    timing = judge_timing(cameras, fit, float(np.median(apart or [0.0])), spacing_ms, moving)
     timing = with_repeats(
         timing, {name: offsets.repeated(name) for name in cameras}, stalled_images(dataset, cameras)
     )
-    timing = with_unseen_ends(timing, offsets.measure(*cameras))
+    timing = with_unseen_ends(timing, unseen or unseen_ends(fit))
     timing = without_common_times(timing, dataset.unsynchronized)
     timing = structs.replace(timing, tried_ms=offsets.max_offset_ms)
     return with_planned_delay(timing, dataset.planned_delay_ms(first, second))
@@ -135,6 +135,7 @@ def measure_rig_timing(offsets: PairOffsets, reference: str | None) -> "SessionT
     """Measure every camera's time offset from many pairs; prefer `reference` if most informative."""
     rig_offsets = measure_rig_offsets(offsets.scene, preferred=reference, finder=offsets)
     first = next(name for name, offset in rig_offsets.items() if offset.sd_ms == 0)
+    seen = seen_throughout(first, {pair: offsets.measure(*pair) for pair in likely_pairs(offsets.scene)})
     judged = (
         measure_pair_timing(
             offsets,
@@ -146,11 +147,22 @@ def measure_rig_timing(offsets: PairOffsets, reference: str | None) -> "SessionT
                 misfit_px=offset.misfit_px,
                 change=offset.change or UNCHANGED,
             ),
+            "" if name in seen else UNSEEN_BY_PAIRS,
         )
         for name, offset in rig_offsets.items()
         if name != first
     )
     return SessionTiming(reference=first, cameras=tuple(judged))
+
+
+def seen_throughout(reference: str, measured: Mapping[tuple[str, str], OffsetFit]) -> set[str]:
+    """Return the cameras that a chain of pairs, each steady in all of the motion, joins to the reference."""
+    steady = [
+        pair
+        for pair, fit in measured.items()
+        if fit.offset_ms is not None and not fit.change and not unseen_ends(fit)
+    ]
+    return joined_to(reference, steady)
 
 
 def judge_timing(
@@ -270,19 +282,21 @@ def _max_jitter_ms(instants: Sequence[InstantOffset], late_ms: float) -> float:
     return float(jitters[possible].max(initial=0.0))
 
 
-def with_unseen_ends(timing: Timing, fit: OffsetFit) -> Timing:
-    """Return the judgement of a take whose two cameras show their offset in a part of its motion alone.
-
-    Neither synchronized nor of one frame: what is dropped before or after that part does not show. `fit`
-    is that of the two, also where the whole rig's is judged.
-    """
-    if timing.offset or not fit.instants:
-        return timing
+def unseen_ends(fit: OffsetFit) -> str:
+    """Return why a drop may hide from two cameras that show their offset in a part of the motion alone."""
+    if not fit.instants:
+        return ""
     first, last = (end(instant.instant for instant in fit.instants) for end in (min, max))
-    if sum(not first <= k <= last for k in fit.unvoted) <= MAX_UNSEEN * fit.examined:
-        return timing
-    reason = f"the offset is seen at instants {first} to {last} alone; others have motion too"
-    return _denied(timing, timing.reason or reason)
+    unseen = sum(not first <= k <= last for k in fit.unvoted) > MAX_UNSEEN * fit.examined
+    return f"the offset is seen at instants {first} to {last} alone; others have motion too" if unseen else ""
+
+
+def with_unseen_ends(timing: Timing, reason: str) -> Timing:
+    """Return the judgement of cameras whose offset does not show throughout, if a `reason` says so.
+
+    Neither synchronized nor of one frame: what is dropped before or after the part that shows is not seen.
+    """
+    return _denied(timing, timing.reason or reason) if reason and not timing.offset else timing
 
 
 def without_common_times(timing: Timing, problem: str) -> Timing:

@@ -6,6 +6,8 @@ from capture_app.session.format.common_times import NOT_SYNCHRONIZED
 from reconstruction.method.timing import (
     Timing,
     judge_timing,
+    seen_throughout,
+    unseen_ends,
     with_curve_peak,
     with_depth_runs,
     with_planned_delay,
@@ -14,6 +16,7 @@ from reconstruction.method.timing import (
 )
 from reconstruction.report.findings import sentences
 from reconstruction.time_offsets.crossings import InstantOffset, OffsetFit
+from reconstruction.time_offsets.instant_votes import Change, Step
 
 FRAME_MS = 33.3
 PAIR = ("L", "R")
@@ -110,10 +113,21 @@ def test_an_offset_that_is_seen_at_one_end_of_the_motion_only_certifies_nothing(
     pair = OffsetFit(0.1, 0.4, "", instants, unvoted=unseen)
     # A rig of three knows the offset better than the two, and has no instants of its own.
     for fit in (pair, OffsetFit(0.0, 0.2)):
-        found = with_unseen_ends(judge_timing(PAIR, fit, 0.0, FRAME_MS), pair)
+        found = with_unseen_ends(judge_timing(PAIR, fit, 0.0, FRAME_MS), unseen_ends(pair))
         assert found.synchronized == certain
         assert (found.same_frame_ms is not None) == certain
         assert certain or "seen at instants 0 to 8 alone" in timing_sentences(found)
+
+
+def test_a_camera_of_a_rig_is_seen_throughout_by_a_chain_of_its_own_pairs() -> None:
+    """A pair beside the measured ones is not asked for: in a rig of many it may see little in common."""
+    instants = tuple(InstantOffset(k, 0.1, 0.5, 20) for k in range(9))
+    whole, part = (OffsetFit(0.1, 0.4, "", instants, unvoted=unseen) for unseen in ((), (12, 15, 20, 29)))
+    dropped = OffsetFit(0.1, 0.4, "", instants, change=Change(steps=(Step(5, 1, 5, 5),)))
+    pairs = {("a", "b"): whole, ("b", "c"): whole, ("c", "d"): part, ("d", "e"): whole, ("b", "f"): dropped}
+    assert seen_throughout("a", pairs) == {"a", "b", "c"}
+    assert seen_throughout("a", pairs | {("c", "e"): whole}) == {*"abcde"}
+    assert seen_throughout("a", {("a", "b"): OffsetFit(reason="too few moving points")}) == {"a"}
 
 
 def test_frames_that_wander_about_zero_are_not_synchronized() -> None:

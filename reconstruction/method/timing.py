@@ -284,9 +284,7 @@ def _max_jitter_ms(instants: Sequence[InstantOffset], late_ms: float) -> float:
 
 def unseen_ends(fit: OffsetFit) -> str:
     """Return why a drop may hide from two cameras that show their offset in a part of the motion alone."""
-    if not fit.instants:
-        return ""
-    first, last = (end(instant.instant for instant in fit.instants) for end in (min, max))
+    first, last = (end((instant.instant for instant in fit.instants), default=0) for end in (min, max))
     unseen = sum(not first <= k <= last for k in fit.unvoted) > MAX_UNSEEN * fit.examined
     return f"the offset is seen at instants {first} to {last} alone; others have motion too" if unseen else ""
 
@@ -304,12 +302,9 @@ def without_common_times(timing: Timing, problem: str) -> Timing:
 
     Agreement by motion near the recorded times does not exclude another offset that fits as well.
     """
-    if not problem or (not timing.synchronized and timing.same_frame_ms is None):
-        return timing
-    return _denied(
-        timing,
-        f"the recording is {problem.partition(':')[0]}, and reconstruct time --apply has not aligned it",
-    )
+    reason = f"the recording is {problem.partition(':')[0]}, and reconstruct time --apply has not aligned it"
+    certain = timing.synchronized or timing.same_frame_ms is not None
+    return _denied(timing, reason) if problem and certain else timing
 
 
 def with_repeats(
@@ -328,10 +323,9 @@ def with_repeats(
 
 def with_planned_delay(timing: Timing, planned_ms: float) -> Timing:
     """Return the judgement of cameras that are staggered by `planned_ms`; unless 0, never synchronized."""
-    if not planned_ms:
-        return timing
     reason = timing.reason or f"{timing.other} is staggered by {planned_ms:.2f} ms on purpose"
-    return structs.replace(_denied(timing, reason), planned_ms=planned_ms, shift_ms=None)
+    staggered = structs.replace(_denied(timing, reason), planned_ms=planned_ms, shift_ms=None)
+    return staggered if planned_ms else timing
 
 
 def with_depth_runs(timing: Timing, peaks_ms: Mapping[int, float], spacing_ms: float) -> Timing:
@@ -401,7 +395,9 @@ def with_depth(timing: Timing, depth: StudyResult[Any]) -> Timing:
     The images are of different instants if most of what moves is lost and has an epipolar error, while still
     objects are found without one. If motion contradicts this, nothing is certain.
     """
-    moving, still = found_shares(depth)
+    # Correct depth, if the true depth is known.
+    measure = "coverage" if depth.value("mover_within_2pct") is None else "within_2pct"
+    moving, still = (depth.value(f"{part}_{measure}") for part in ("mover", "static"))
     rows, control = depth.value("mover_epipolar_px"), depth.value("static_epipolar_px")
     if moving is None or still is None or rows is None or control is None:
         return timing
@@ -419,12 +415,6 @@ def with_depth(timing: Timing, depth: StudyResult[Any]) -> Timing:
 def _denied(timing: Timing, reason: str) -> Timing:
     """Return the judgement without its certificate, with the reason."""
     return structs.replace(timing, synchronized=False, same_frame_ms=None, reason=reason)
-
-
-def found_shares(depth: StudyResult[Any]) -> tuple[float | None, float | None]:
-    """Return the fractions of moving and of still pixels with a depth (correct, if known) as recorded."""
-    measure = "coverage" if depth.value("mover_within_2pct") is None else "within_2pct"
-    return depth.value(f"mover_{measure}"), depth.value(f"static_{measure}")
 
 
 class SessionTiming(Struct, frozen=True, kw_only=True):

@@ -385,10 +385,12 @@ def fit_offset(
         )
     is_wrong = not change.witnessed([instant.instant for instant in instants])
     if change.drift:
-        rate = _refined(change, instants, period_ms)
-        left = _changing(instants, structs.replace(change, drift=change.drift - rate.drift), period_ms)
+        slope_ms, slope_sd_ms, _ = fit_slope(instants)
+        more, drift_sd = slope_ms / period_ms, slope_sd_ms / period_ms
+        left = _changing(instants, structs.replace(change, drift=-more), period_ms)
         # A rate leaves no drift; a wrong calibration leaves one where the motion changes its direction.
-        is_wrong, change = scatter_ms(left, period_ms)[1], rate
+        is_wrong = scatter_ms(left, period_ms)[1]
+        change = structs.replace(change, drift=change.drift + more, drift_sd=drift_sd)
     if is_wrong:
         return fit_offset(crossings, still, period_ms, recorded_px, steady=True)
     offset_ms = float(fit.values[0])
@@ -427,12 +429,6 @@ def _glitches_ms(
         {k: -ms for k, ms in first.items() if abs(ms) < limit_ms},
         {k: ms for k, ms in second.items() if abs(ms) < limit_ms},
     )
-
-
-def _refined(change: Change, instants: tuple[InstantOffset, ...], period_ms: float) -> Change:
-    """Return a drift corrected by the slope of the instants' remaining offsets, with its error."""
-    slope_ms, sd_ms, _ = fit_slope(instants)
-    return structs.replace(change, drift=change.drift + slope_ms / period_ms, drift_sd=sd_ms / period_ms)
 
 
 def fit_slope(instants: Sequence[InstantOffset]) -> tuple[float, float, float]:

@@ -31,7 +31,7 @@ MAX_UNSEEN = 0.25
 """Fraction of the instants with motion that may show no offset before and after those that do.
 
 A frame that is dropped there is not seen."""
-UNSEEN_BY_PAIRS = "no chain of pairs shows its offset throughout: each is seen in a part of the motion alone"
+UNSTEADY_PAIRS = "no chain of pairs of cameras shows one steady offset from the first motion to the last"
 SURE_FRAMES = 0.1
 """Error, in frames, above which a measurement certifies nothing."""
 LOST_FRACTION = 0.5
@@ -113,7 +113,7 @@ def measure_pair_timing(
 ) -> Timing:
     """Measure and judge the second camera's time offset against the first, at instants with motion.
 
-    A `fit` is the offset as measured by other means, and `unseen` why these do not show it at all instants.
+    A `fit` is the offset as measured by other means, and `unseen` why these do not show it throughout.
     """
     dataset, (first, second) = offsets.dataset, cameras
     fit = fit or offsets.measure(*cameras)
@@ -135,7 +135,8 @@ def measure_rig_timing(offsets: PairOffsets, reference: str | None) -> "SessionT
     """Measure every camera's time offset from many pairs; prefer `reference` if most informative."""
     rig_offsets = measure_rig_offsets(offsets.scene, preferred=reference, finder=offsets)
     first = next(name for name, offset in rig_offsets.items() if offset.sd_ms == 0)
-    seen = seen_throughout(first, {pair: offsets.measure(*pair) for pair in likely_pairs(offsets.scene)})
+    measured = {pair: offsets.measure(*pair) for pair in likely_pairs(offsets.scene)}
+    steady = steady_cameras(first, measured, offsets.dataset.period_ns / 1e6)
     judged = (
         measure_pair_timing(
             offsets,
@@ -147,7 +148,7 @@ def measure_rig_timing(offsets: PairOffsets, reference: str | None) -> "SessionT
                 misfit_px=offset.misfit_px,
                 change=offset.change or UNCHANGED,
             ),
-            "" if name in seen else UNSEEN_BY_PAIRS,
+            "" if name in steady else UNSTEADY_PAIRS,
         )
         for name, offset in rig_offsets.items()
         if name != first
@@ -155,12 +156,21 @@ def measure_rig_timing(offsets: PairOffsets, reference: str | None) -> "SessionT
     return SessionTiming(reference=first, cameras=tuple(judged))
 
 
-def seen_throughout(reference: str, measured: Mapping[tuple[str, str], OffsetFit]) -> set[str]:
-    """Return the cameras that a chain of pairs, each steady in all of the motion, joins to the reference."""
+def steady_cameras(
+    reference: str, measured: Mapping[tuple[str, str], OffsetFit], period_ms: float
+) -> set[str]:
+    """Return the cameras that a chain of pairs with one offset in all of the motion joins to the reference.
+
+    The adjusted offsets of a rig are means, and have no instants of their own.
+    """
+    limit_ms = SURE_FRAMES * period_ms
     steady = [
         pair
         for pair, fit in measured.items()
-        if fit.offset_ms is not None and not fit.change and not unseen_ends(fit)
+        if fit.offset_ms is not None
+        and not (fit.change or fit.disagreeing or any(fit.glitches_ms) or unseen_ends(fit))
+        and not (fit.odd_ms(limit_ms) or fit.jitter_ms(period_ms))
+        and SIGMAS * _max_jitter_ms(fit.instants, fit.offset_ms) <= limit_ms
     ]
     return joined_to(reference, steady)
 

@@ -6,7 +6,7 @@ from capture_app.session.format.common_times import NOT_SYNCHRONIZED
 from reconstruction.method.timing import (
     Timing,
     judge_timing,
-    seen_throughout,
+    steady_cameras,
     unseen_ends,
     with_curve_peak,
     with_depth_runs,
@@ -119,15 +119,33 @@ def test_an_offset_that_is_seen_at_one_end_of_the_motion_only_certifies_nothing(
         assert certain or "seen at instants 0 to 8 alone" in timing_sentences(found)
 
 
-def test_a_camera_of_a_rig_is_seen_throughout_by_a_chain_of_its_own_pairs() -> None:
+def test_a_camera_of_a_rig_is_certified_by_a_chain_of_its_own_pairs() -> None:
     """A pair beside the measured ones is not asked for: in a rig of many it may see little in common."""
     instants = tuple(InstantOffset(k, 0.1, 0.5, 20) for k in range(9))
     whole, part = (OffsetFit(0.1, 0.4, "", instants, unvoted=unseen) for unseen in ((), (12, 15, 20, 29)))
     dropped = OffsetFit(0.1, 0.4, "", instants, change=Change(steps=(Step(5, 1, 5, 5),)))
     pairs = {("a", "b"): whole, ("b", "c"): whole, ("c", "d"): part, ("d", "e"): whole, ("b", "f"): dropped}
-    assert seen_throughout("a", pairs) == {"a", "b", "c"}
-    assert seen_throughout("a", pairs | {("c", "e"): whole}) == {*"abcde"}
-    assert seen_throughout("a", {("a", "b"): OffsetFit(reason="too few moving points")}) == {"a"}
+    assert steady_cameras("a", pairs, FRAME_MS) == {"a", "b", "c"}
+    assert steady_cameras("a", pairs | {("c", "e"): whole}, FRAME_MS) == {*"abcde"}
+    assert steady_cameras("a", {("a", "b"): OffsetFit(reason="too few moving points")}, FRAME_MS) == {"a"}
+
+
+@pytest.mark.parametrize(
+    "odd_ms",
+    [(-9, 7, -12, 11, 3, -6, 10, -8, 0.5, 9), (0, 0, 0, 0, 14, 0, 0, 0, 0, 0)],
+    ids=["jitter", "one"],
+)
+def test_a_reference_whose_images_are_off_singly_leaves_its_rig_without_a_certificate(
+    odd_ms: tuple[float, ...],
+) -> None:
+    """Their mean is zero, and the rig's offsets are means: "cam1 is 0.1 ms late" was certified."""
+    steady, odd = (
+        OffsetFit(0.1, 0.4, "", tuple(InstantOffset(k, ms, 0.5, 20) for k, ms in enumerate(late_ms)))
+        for late_ms in ((0.1,) * 10, odd_ms)
+    )
+    pairs = {("a", "b"): odd, ("a", "c"): odd, ("b", "c"): steady}
+    assert steady_cameras("a", pairs, FRAME_MS) == {"a"}
+    assert steady_cameras("b", pairs, FRAME_MS) == {"b", "c"}
 
 
 def test_frames_that_wander_about_zero_are_not_synchronized() -> None:

@@ -293,10 +293,14 @@ def _max_jitter_ms(instants: Sequence[InstantOffset], late_ms: float) -> float:
 
 
 def unseen_ends(fit: OffsetFit) -> str:
-    """Return why a drop may hide from two cameras that show their offset in a part of the motion alone."""
-    first, last = (end((instant.instant for instant in fit.instants), default=0) for end in (min, max))
+    """Return why a drop may hide from two cameras that show their offset in a part of the motion alone.
+
+    A single instant at an end may be a wrong match.
+    """
+    surely = sorted(instant.instant for instant in fit.instants)[1:-1] or [0]
+    first, last = surely[0], surely[-1]
     unseen = sum(not first <= k <= last for k in fit.unvoted) > MAX_UNSEEN * fit.examined
-    return f"the offset is seen at instants {first} to {last} alone; others have motion too" if unseen else ""
+    return f"the offset is surely seen at instants {first} to {last} alone; others move too" if unseen else ""
 
 
 def with_unseen_ends(timing: Timing, reason: str) -> Timing:

@@ -116,7 +116,17 @@ def test_an_offset_that_is_seen_at_one_end_of_the_motion_only_certifies_nothing(
         found = with_unseen_ends(judge_timing(PAIR, fit, 0.0, FRAME_MS), unseen_ends(pair))
         assert found.synchronized == certain
         assert (found.same_frame_ms is not None) == certain
-        assert certain or "seen at instants 0 to 8 alone" in timing_sentences(found)
+        assert certain or "surely seen at instants 1 to 7 alone" in timing_sentences(found)
+
+
+def test_a_single_instant_at_the_end_does_not_show_that_no_frame_was_dropped_before_it() -> None:
+    """A painted take's fifth frame was dropped; four points of the last instant matched wrongly, at 0."""
+    instants = tuple(InstantOffset(k, -0.5, 1.0, 5) for k in (0, 1, 2, 3, 29))
+    hidden = OffsetFit(-0.5, 0.8, "", instants, unvoted=(*range(4, 11), 23, 24, 25, 27, 28))
+    assert "instants 1 to 3 alone" in unseen_ends(hidden)
+    more = InstantOffset(28, -0.5, 1.0, 5)
+    shown = OffsetFit(-0.5, 0.8, "", (*instants[:-1], more, instants[-1]), unvoted=hidden.unvoted[:-1])
+    assert not unseen_ends(shown)
 
 
 def test_a_camera_of_a_rig_is_certified_by_a_chain_of_its_own_pairs() -> None:

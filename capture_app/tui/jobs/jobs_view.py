@@ -75,7 +75,10 @@ class JobsView(ModeView):
     def on_mount(self) -> None:
         """Start following the runs."""
         self.set_interval(LOOK_EVERY_S, self._follow)
-        hint = f"In Sessions (key 3): c compares a take,{' e exports it,' * CAN_EXPORT} A starts other computations."
+        hint = (
+            f"In Sessions (key 3): c compares a take,{' e exports it,' * CAN_EXPORT} "
+            "A starts other computations."
+        )
         self._empty.show([Content("No job yet."), Content(hint)])
 
     def focus_first(self) -> None:

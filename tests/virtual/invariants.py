@@ -362,15 +362,16 @@ def _excused(rig: VirtualRig, of: OrderedBurst, camera: str) -> list[tuple[float
 
 def _told_of_order(rig: VirtualRig, sessions: Sessions) -> Iterator[str]:
     """An operator is told how much of the order is there: by numbers, exit code and grade."""
-    folders = {str(saved.folder): saved for saved in sessions.values()}
-    streamed = {of.name: of for of in rig.evidence.bursts if of.burst.streamed}
+    # Two leaders may each have a recording-001.
+    folders = {str(saved.folder): (key, saved) for key, saved in sessions.items()}
+    streamed = {of.key: of for of in rig.evidence.bursts if of.burst.streamed}
     for told in (told for take in rig.evidence.takes for told in take.told):
-        status, of, saved = (
-            told.status,
-            streamed.get(told.status.name),
-            folders.get(told.status.session or ""),
-        )
-        if of is None or saved is None or saved.plan is None or told.missing < 0:
+        status = told.status
+        if status.session not in folders or told.missing < 0:
+            continue
+        key, saved = folders[status.session]
+        of = streamed.get(key)
+        if of is None or saved.plan is None:
             continue
         streamed_as = saved.plan.streamed
         if of.cancel_asked_ns is not None or streamed_as is None:

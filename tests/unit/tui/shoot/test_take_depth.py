@@ -78,6 +78,31 @@ async def test_the_depth_of_two_cameras_is_shown_before_that_of_all(studio: Stud
         await until(pilot, lambda: "Depth" in pilot.app.screen.query_one(KeyFooter).plain[0])
 
 
+async def test_a_depth_that_waits_is_cancelled_for_that_of_the_next_take(
+    studio: Studio, tmp_path: Path
+) -> None:
+    (tmp_path / "how").write_text("wait")
+    async with studio.running(120, 50) as pilot:
+        for taken in (1, 2, 3):
+            await pilot.press("space")
+            await until(pilot, lambda: len(studio.app.runs.all) == taken)  # noqa: B023 - awaited here
+        states = [run.state for run in sorted(studio.app.runs.all, key=lambda run: run.session)]
+        assert states == [RunState.RUNNING, RunState.CANCELLED, RunState.WAITING]
+
+
+async def test_a_depth_that_does_not_apply_is_forgotten_at_the_next_take(
+    studio: Studio, tmp_path: Path
+) -> None:
+    (tmp_path / "how").write_text("refuse")
+    async with studio.running(120, 50) as pilot:
+        await pilot.press("space")
+        await until(pilot, lambda: [run.state for run in studio.app.runs.all] == [RunState.NOT_APPLICABLE])
+        (first,) = studio.app.runs.all
+        await pilot.press("space")
+        await until(pilot, lambda: any(run is not first for run in studio.app.runs.all))
+        assert first not in studio.app.runs.all
+
+
 async def test_depth_is_not_made_where_it_is_not_wanted(tmp_path: Path) -> None:
     rig = ready_rig(3)
     rig.take = saves_into(tmp_path)

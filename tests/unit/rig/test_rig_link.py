@@ -36,7 +36,6 @@ async def test_a_link_that_is_lost_opens_again_with_its_previews(tmp_path: Path,
     async with time_limit("the link"), cheap_cameras(1, leader.own_address):
         await until(lambda: any(isinstance(one, RigStatus) and one.nodes for one in told))
         assert not of(Preview), "none is asked for"
-        # Asked for while the link is open: the leader need not be asked again for it to begin.
         await link.want_previews(cameras=None, width=160, fps=10.0)
         await until(lambda: len(of(Preview)) > 3)
         assert all(one.jpeg.startswith(b"\xff\xd8") for one in told if isinstance(one, Preview))

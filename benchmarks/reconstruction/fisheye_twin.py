@@ -197,7 +197,9 @@ def seen_by_another(name: str, truths: Mapping[str, tuple[LensView, Array]]) -> 
         there = points @ other.rotation.T + other.translation
         ahead = there[..., 2] > 0
         assert other.lens is not None
-        at = other.lens.project((there[..., :2] / np.where(ahead, there[..., 2], 1)[..., None]).reshape(-1, 2))
+        at = other.lens.project(
+            (there[..., :2] / np.where(ahead, there[..., 2], 1)[..., None]).reshape(-1, 2)
+        )
         columns, rows = np.rint(at).astype(int).reshape(*truth.shape, 2).transpose(2, 0, 1)
         inside = ahead & (columns >= 0) & (rows >= 0) & (columns < other.width) & (rows < other.height)
         shown = depth[rows.clip(0, other.height - 1), columns.clip(0, other.width - 1)]

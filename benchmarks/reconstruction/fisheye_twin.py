@@ -6,9 +6,9 @@
 
 Both rigs are rendered at the same places; the still life of `rendered_rigs`. `board`: `calibrate --from
 board` from pictures of a ChArUco board, rendered too, 640x480 px. `view`, at half the size: depth within 2 %
-of the truth where the redrawn images see, also of what another camera sees, and the PSNR of views and splats from places between, above and
-beyond the cameras. The third rig is the second one with as many pixels in the field as the fisheyes have
-there. Simulated.
+of the truth where the redrawn images see, also of what another camera sees, and the PSNR of views and splats
+from places between, above and beyond the cameras. The third rig is the second one with as many pixels in the
+field as the fisheyes have there: what it loses to the second one is pixels, not the redrawing. Simulated.
 """
 
 import tempfile

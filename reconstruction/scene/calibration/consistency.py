@@ -158,15 +158,11 @@ def describe_turn(error: float) -> str:
 
 
 def lens_knowledge(
-    errors: Sequence[float], *, held: bool = False, flat: bool = False, is_guess: bool = False
+    errors: Sequence[float], why: str = "too few points", *, is_guess: bool = False
 ) -> LensKnowledge:
-    """Return how well focal lengths are known by their relative 95 % errors; of none, why there are none."""
+    """Return how well focal lengths are known by their relative 95 % errors; `why`: if there are none."""
     if errors:
         why = f"off by up to {100 * min(errors):.2g} to {100 * max(errors):.2g} % (95 %)"
-    elif held:
-        why = "these pictures do not confirm the field of view that was given"
-    else:
-        why = "these points lie in one plane, or far away" if flat else "too few points"
     worst = max(errors, default=math.inf)
     level = "well" if worst <= SURE_LENSES else "roughly" if worst <= ROUGH_LENSES else "not"
     return LensKnowledge(level=level, why=why, is_guess=is_guess)
@@ -174,9 +170,9 @@ def lens_knowledge(
 
 def no_measurement(lenses: LensKnowledge) -> str:
     """Return the warning about depth by lenses that are not known well; empty if they are."""
-    doubt, what = lenses.doubt(rough=True), "inaccurate" if lenses.level == "roughly" else "not a measurement"
-    advice = "calibrate with a board that reaches the corners"
-    return f"warning: this depth is {what}: {doubt}; {advice}" if doubt else ""
+    what = "inaccurate" if lenses.level == "roughly" else "not a measurement"
+    doubt = f"{what}: {lenses.doubt(rough=True)}; calibrate with a board that reaches the corners"
+    return f"warning: this depth is {doubt}" if lenses.level != "well" else ""
 
 
 def check_rig(views: Mapping[str, View], features: Mapping[str, Features]) -> CalibrationCheck:

@@ -234,9 +234,13 @@ def _found(
         raise NotApplicableError(
             "only one camera could be placed", hint=f"the views need to overlap more{advice}"
         )
-    flat = not held and lie_flat(rec)
-    errors = [] if held or flat else focal_errors(pycolmap, rec)
-    lenses = lens_knowledge(errors, held=held, flat=flat, is_guess=bool(advice))
+    if held:
+        errors, why = list[float](), "these pictures do not confirm the field of view that was given"
+    elif lie_flat(rec):
+        errors, why = [], "these points lie in one plane, or far away"
+    else:
+        errors, why = focal_errors(pycolmap, rec), "too few points"
+    lenses = lens_knowledge(errors, why, is_guess=bool(advice))
     missing = ", ".join(name for name in dataset.cameras if name not in found)
     left_out = f"; not placed: {missing}" if missing else ""
     return Calibration(

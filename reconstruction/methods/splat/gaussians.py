@@ -17,10 +17,8 @@ from reconstruction.depth.compiling import GAUSSIANS
 from reconstruction.depth.kernels import call_kernel, floats
 from reconstruction.depth.seen_moment import Moment, SeenView
 
-SPREAD, WIDE = 0.45, 0.6
-"""Standard deviation along the surface, relative to its size, of a pixel's Gaussian, and of a larger one.
-
-Viewers blur both by 0.55 px, which closes the gaps between pixels alone."""
+SPREAD = 0.6
+"""Standard deviation of a pixel's Gaussian along the surface, px."""
 THIN = 0.1
 """Standard deviation across the surface, relative to that."""
 MAX_SLANT = 3.0
@@ -155,7 +153,7 @@ def _surface_elements(seen: SeenView, pixels: Array, centres: Array, size_px: fl
     along = np.where(length > 1e-3, along / np.maximum(length, 1e-9), other)
     along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-9)
     facing = np.abs((rays * normals).sum(axis=1))
-    size = (SPREAD if size_px == 1 else WIDE) * size_px * depth / view.focal
+    size = SPREAD * size_px * depth / view.focal
     sizes = np.stack([size, size / np.maximum(facing, 1 / MAX_SLANT), THIN * size], axis=1)
     return Gaussians(
         places=floats(points),
@@ -179,7 +177,7 @@ def _backdrop_elements(backdrop: Backdrop, first: int) -> Iterator[Gaussians]:
         round_ = ((group % width).mean(axis=1) + 0.5) / width * 2 * np.pi - np.pi
         right = np.stack([np.cos(round_), np.zeros(len(up)), -np.sin(round_)], axis=1)
         outwards = np.stack([np.cos(up) * np.sin(round_), np.sin(up), np.cos(up) * np.cos(round_)], axis=1)
-        side = WIDE * size * np.pi / height * backdrop.radius
+        side = SPREAD * size * np.pi / height * backdrop.radius
         yield Gaussians(
             places=floats(backdrop.centre + backdrop.radius * outwards),
             axes=floats(np.stack([right, np.cross(outwards, right), -outwards], axis=2)),

@@ -13,7 +13,7 @@ from reconstruction.depth.kernels import call_kernel, floats
 from reconstruction.depth.seen_moment import Moment
 from reconstruction.methods.splat.gaussians import Gaussians, Projected, bands, draw, project
 
-RATES = {"colours": 0.02, "logits": 0.1, "grown": 0.02}
+RATES = {"colours": 0.02, "logits": 0.1, "grown": 0.04}
 """Adam's step of each parameter: colours from 0 to 1, opacity's logit, logarithm of the size's factor."""
 LIMITS = {"colours": (0.0, 1.0), "logits": (-8.0, 8.0), "grown": (-1.5, 1.0)}
 FIRST, LAST = 1.75, 0.25

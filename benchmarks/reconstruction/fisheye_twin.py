@@ -8,7 +8,9 @@ Both rigs are rendered at the same places; the still life of `rendered_rigs`. `b
 board` from pictures of a ChArUco board, rendered too, 640x480 px. `view`, at half the size: depth within 2 %
 of the truth where the redrawn images see, also of what another camera sees, and the PSNR of views and splats
 from places between, above and beyond the cameras. The third rig is the second one with as many pixels in the
-field as the fisheyes have there: what it loses to the second one is pixels, not the redrawing. Simulated.
+field as the fisheyes have there: what it loses to the second one is pixels, not the redrawing. At half the
+size pixels decide (view 1.3 dB below the second rig, 0.4 above the third); at the full one (`--scale 1`) the
+first two are equal within 0.2 dB. Simulated.
 """
 
 import tempfile

@@ -11,7 +11,7 @@ from textual.strip import Strip
 
 from capture_app.common.text import count, printable, rough_time
 from capture_app.tui.jobs.result_screen import open_report, show_result
-from capture_app.tui.jobs.run import SIGNS, Run, RunState, progress_words
+from capture_app.tui.jobs.run import CAN_EXPORT, SIGNS, Run, RunState, progress_words
 from capture_app.tui.jobs.runs import Runs
 from capture_app.tui.mode import ModeView
 from capture_app.tui.rig_record import RecordChanged, showing_errors
@@ -75,7 +75,10 @@ class JobsView(ModeView):
     def on_mount(self) -> None:
         """Start following the runs."""
         self.set_interval(LOOK_EVERY_S, self._follow)
-        hint = "In Sessions (key 3): c compares a take, e exports it, A starts other computations."
+        hint = (
+            f"In Sessions (key 3): c compares a take,{' e exports it,' * CAN_EXPORT} "
+            "A starts other computations."
+        )
         self._empty.show([Content("No job yet."), Content(hint)])
 
     def focus_first(self) -> None:

@@ -15,7 +15,7 @@ from textual.content import Content
 
 from capture_app.common.errors import BadInputError
 from capture_app.common.plugins import COMMANDS as PLUGIN_COMMANDS
-from capture_app.common.plugins import plugin_names
+from capture_app.common.plugins import SESSION_COMMANDS, plugin_names
 from capture_app.common.text import ProgressStep, printable, rough_time
 from capture_app.session.exporting.exporter import GROUP
 from capture_app.tui.signs import Sign
@@ -252,6 +252,8 @@ EXPORTS: Mapping[str, Command] = {
     )
     for name in plugin_names(GROUP)
 }
+CAN_IMPORT, CAN_EXPORT = (name in plugin_names(SESSION_COMMANDS) for name in ("import", "export"))
+"""Whether these commands, which are plugins, are installed."""
 COMMANDS = {one.name: one for one in (*STUDIES, MOMENT, VERIFY, REPAIR, IMPORT, *EXPORTS.values())}
 
 

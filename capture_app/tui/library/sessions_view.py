@@ -28,6 +28,8 @@ from capture_app.session.library.listing import SessionCard, SessionListing
 from capture_app.session.reading.take_sheet import TakeSheet
 from capture_app.tui.jobs.result_screen import open_report, show_result
 from capture_app.tui.jobs.run import (
+    CAN_EXPORT,
+    CAN_IMPORT,
     COMMANDS,
     COVERAGE,
     EXPORTS,
@@ -73,7 +75,7 @@ class SessionsView(ModeView):
         Binding(
             "R", "on_session('results')", "Results", id="sessions.results", tooltip="result of the last job"
         ),
-        Binding("e", "on_session('export')", "Export", id="sessions.export"),
+        *([Binding("e", "on_session('export')", "Export", id="sessions.export")] if CAN_EXPORT else []),
         Binding(
             "A",
             "on_session('analyse')",
@@ -101,7 +103,11 @@ class SessionsView(ModeView):
             id="sessions.verify",
             tooltip="check that all files are intact",
         ),
-        Binding("I", "import", "Import", id="sessions.import", tooltip="import a folder of videos"),
+        *(
+            [Binding("I", "import", "Import", id="sessions.import", tooltip="import a folder of videos")]
+            if CAN_IMPORT
+            else []
+        ),
         Binding("escape", "show_all", "Show all", id="sessions.show-all", key_display="esc"),
     ]
 
@@ -182,7 +188,7 @@ class SessionsView(ModeView):
 
     def _name_frame(self, title: str | None = None) -> None:
         importing = [f"◔ {run}" for run in self._runs.unfinished if run.kind == IMPORT.name]
-        subtitle = " · ".join([*importing, self._order, "< sorts · / finds · I imports"])
+        subtitle = " · ".join([*importing, self._order, "< sorts · / finds" + " · I imports" * CAN_IMPORT])
         write_border(self._frame, title, subtitle)
 
     @work(group="listing")
@@ -219,7 +225,7 @@ class SessionsView(ModeView):
         self._empty.display = not entries and self._cards is not None
         text = (
             f"No session in {printable(str(self._listing.root))} yet: "
-            "in Shoot (key 2), space takes one; I imports videos."
+            f"in Shoot (key 2), space takes one{'; I imports videos' * CAN_IMPORT}."
         )
         self._empty.show([Content(f"No session has “{printable(words)}”; esc shows all." if words else text)])
         here = sum(not entry.is_sample for entry in entries)
@@ -340,11 +346,11 @@ class SessionsView(ModeView):
         """Clear the filter, or leave the whole view of a session."""
         if self.has_class("-whole"):
             self._look_whole(False)
-            return
-        self._find.value = ""
-        self._find.display = False
-        self._rows.focus()
-        self._show()
+        else:
+            self._find.value = ""
+            self._find.display = False
+            self._rows.focus()
+            self._show()
 
     # Starting commands
 

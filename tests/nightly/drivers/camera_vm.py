@@ -6,6 +6,7 @@ import shutil
 import subprocess
 from dataclasses import dataclass
 from pathlib import Path
+from statistics import median
 from typing import Any
 
 import pytest
@@ -57,6 +58,17 @@ class Rig:
     @property
     def logs(self) -> str:
         return "\n".join(f"--- {log.name}\n{log.read_text()}" for log in sorted(self.out.glob("*.log")))
+
+    def assert_aligned(self, session: Session, tolerance_ns: int) -> None:
+        """Every instant has both cameras, and each camera's frames lie within the tolerance of the instants.
+
+        By their median: a stamp is the arrival of a frame's first bytes, which a busy guest may delay.
+        """
+        for images in session.images_by_instant():
+            assert set(images) == {"left", "right"}, self.logs
+        for name in ("left", "right"):
+            residuals_ns = [image.residual_ns for image in session.manifest.images if image.camera == name]
+            assert abs(median(residuals_ns)) <= tolerance_ns, self.logs
 
 
 def find_camera_vm(shared: Path) -> Path:

@@ -8,11 +8,9 @@ one.
 """
 
 from pathlib import Path
-from statistics import median
 
 import pytest
 
-from capture_app.session.reading.reader import Session
 from tests.nightly.drivers.camera_vm import (
     PLUG_IN_AGAIN,
     Rig,
@@ -123,7 +121,7 @@ def test_the_cameras_were_aligned_by_restarts_to_within_2_ms(rig: Rig) -> None:
         facts = camera.facts
         assert (facts.kind, facts.phase_control, facts.pixel_format) == ("libcamera", "reset", "MJPG")
         assert (facts.width, facts.height, facts.period_ns) == (320, 240, 33_333_333)
-    assert_aligned(session, rig)
+    rig.assert_aligned(session, TOLERANCE_NS)
 
 
 def test_a_webcams_stamp_is_not_believed_to_be_its_light(rig: Rig) -> None:
@@ -155,13 +153,4 @@ def test_an_unplugged_camera_shows_as_failed_and_the_other_runs_on(rig: Rig) -> 
 def test_a_camera_that_is_put_back_is_aligned_again(rig: Rig) -> None:
     assert "camera is back" in rig.text("right.log"), rig.logs
     assert rig.text("verify2.code").strip() == "0", rig.text("verify2.txt")
-    assert_aligned(rig.session("burst-002"), rig)
-
-
-def assert_aligned(session: Session, rig: Rig) -> None:
-    """Every instant has both cameras, whose frames by their medians lie within the tolerance of it."""
-    for images in session.images_by_instant():
-        assert set(images) == {"left", "right"}, rig.logs
-    for name in ("left", "right"):
-        residuals_ns = [image.residual_ns for image in session.manifest.images if image.camera == name]
-        assert abs(median(residuals_ns)) <= TOLERANCE_NS, rig.logs
+    rig.assert_aligned(rig.session("burst-002"), TOLERANCE_NS)

@@ -6,11 +6,9 @@ from the USB bus up is real. The guest sees this checkout read-only and writes t
 
 import sys
 from pathlib import Path
-from statistics import median
 
 import pytest
 
-from capture_app.session.reading.reader import Session
 from tests.nightly.drivers.camera_vm import PLUG_IN_AGAIN, Rig, boot, find_camera_vm
 from tests.project import ROOT
 
@@ -102,7 +100,7 @@ def test_the_cameras_were_aligned_by_restarts_to_within_2_ms(rig: Rig) -> None:
         assert camera.facts.stamp.source == "profile"
         assert camera.phase is not None
         assert camera.facts.phase_control == "reset"
-    assert_aligned(session, rig)
+    rig.assert_aligned(session, TOLERANCE_NS)
     for image in session.manifest.images:
         # How late uvcvideo's stamps are nobody has measured, and no clock can tell.
         assert image.hard_bound_ns is None
@@ -140,16 +138,4 @@ def test_an_unplugged_camera_shows_as_failed_and_the_other_runs_on(rig: Rig) -> 
 
 def test_a_camera_that_is_put_back_is_aligned_again(rig: Rig) -> None:
     assert rig.text("verify2.code").strip() == "0", rig.text("verify2.txt")
-    assert_aligned(rig.session("burst-002"), rig)
-
-
-def assert_aligned(session: Session, rig: Rig) -> None:
-    """Every instant has both cameras, and each camera's frames lie within the tolerance of the instants.
-
-    By their median: a stamp is the arrival of a frame's first bytes, which a busy guest delays now and then.
-    """
-    for images in session.images_by_instant():
-        assert set(images) == {"left", "right"}, rig.logs
-    for name in ("left", "right"):
-        residuals_ns = [image.residual_ns for image in session.manifest.images if image.camera == name]
-        assert abs(median(residuals_ns)) <= TOLERANCE_NS, rig.logs
+    rig.assert_aligned(rig.session("burst-002"), TOLERANCE_NS)

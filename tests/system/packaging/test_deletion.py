@@ -43,6 +43,21 @@ written = asyncio.run(capture(Path(sys.argv[1]), 2, lambda line: None))
 session = open_session(written.folder)
 print(json.dumps({"session": str(written.folder), "images": len(session.manifest.images), "quick": QUICK}))
 """
+SCREEN = """
+import asyncio
+from tests.unit.tui.driving import make_app, settle, until
+from tests.unit.tui.fake_rig import FakeRig
+async def look():
+    app = make_app(FakeRig(1))
+    async with app.run_test(size=(200, 40)) as pilot:
+        for mode in "34":
+            await pilot.press(mode)
+            await settle(pilot)
+            await until(pilot, lambda: app.screen.query_one("#footer").plain)
+            print(*(strip.text for strip in app.screen._compositor.render_strips()), sep="\\n")
+        print(*(command.title for command in app.get_system_commands(app.screen)), sep="\\n")
+asyncio.run(look())
+"""
 UNSAID = {
     "capture_app/companions/characterize": ("characterize",),
     "capture_app/companions/exporting": ("\n  export  ", "capture-app sessions export"),
@@ -65,6 +80,17 @@ def test_no_help_speaks_of_a_companion_that_is_gone(tree: CutTree, gone: Sequenc
     assert (done.returncode, done.stderr) == (0, "")
     said = {wing for wing, words in UNSAID.items() if any(word in done.stdout for word in words)}
     assert said == {*UNSAID} - {*gone}
+
+
+@pytest.mark.parametrize(
+    ("wing", "words"),
+    [("exporting", {"e exports", "Export"}), ("importing", {"I imports", "Import", "import a folder"})],
+)
+def test_the_screen_offers_no_command_that_is_gone(tree: CutTree, wing: str, words: set[str]) -> None:
+    whole = tree.run([], "-c", SCREEN)
+    done = tree.run([f"capture_app/companions/{wing}"], "-c", SCREEN)
+    assert (done.returncode, done.stderr) == (whole.returncode, whole.stderr) == (0, "")
+    assert [word for word in words if word in done.stdout or word not in whole.stdout] == []
 
 
 def test_every_module_imports_with_the_simulated_camera_alone(tree: CutTree) -> None:

@@ -37,6 +37,13 @@ async def settle(pilot: Any) -> None:
         await pilot.pause()
 
 
+async def finish_work(pilot: Pilot[Any]) -> None:
+    """Let what works in threads end, and what it sends come through."""
+    await pilot.pause()
+    await pilot.app.workers.wait_for_complete()
+    await pilot.pause()
+
+
 @asynccontextmanager
 async def running(app: SimulshotApp, width: int = 80, height: int = 24) -> AsyncIterator[Pilot[None]]:
     """Run an app, begin when its first messages have come through, and give its pilot."""

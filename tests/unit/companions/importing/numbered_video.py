@@ -8,6 +8,7 @@ import av
 import cv2
 import numpy as np
 
+from capture_app.companions.importing.recording import ImportOptions, import_found
 from capture_app.session.reading.reader import Session
 
 MS, US = 1_000_000, 1_000
@@ -46,3 +47,11 @@ def numbers_of(session: Session) -> list[dict[str, int]]:
 
 def times_of(session: Session, camera: str) -> list[int]:
     return [record.leader_ns for record in session.manifest.images if record.camera == camera]
+
+
+def imported(folder: Path, **options: object) -> tuple[Session, str]:
+    """The session of the only recording in a folder, without alignment, and what was said of it."""
+    said: list[str] = []
+    chosen = ImportOptions(align="none", **options)  # type: ignore[arg-type]
+    (session,) = import_found([str(folder)], folder.parent / "out", "s", chosen, talk=said.append)
+    return session, "\n".join(said)

@@ -8,9 +8,7 @@ import pytest
 
 from capture_app.common.errors import BadInputError
 from capture_app.companions.importing.clips import find_shoots
-from capture_app.companions.importing.recording import ImportOptions, import_found
-from capture_app.session.reading.reader import Session
-from tests.unit.companions.importing.numbered_video import write_video
+from tests.unit.companions.importing.numbered_video import imported, write_video
 from tests.unit.session.conftest import jpeg
 
 
@@ -30,13 +28,6 @@ def images(folder: Path, files: Sequence[str]) -> Path:
         (folder / file).parent.mkdir(parents=True, exist_ok=True)
         (folder / file).write_bytes(jpeg(number))
     return folder
-
-
-def imported(folder: Path, **options: object) -> tuple[Session, str]:
-    said: list[str] = []
-    chosen = ImportOptions(align="none", **options)  # type: ignore[arg-type]
-    (session,) = import_found([str(folder)], folder.parent / "out", "s", chosen, talk=said.append)
-    return session, "\n".join(said)
 
 
 def test_serials_that_follow_a_videos_number(tmp_path: Path) -> None:

@@ -7,10 +7,9 @@ import pytest
 
 from capture_app.cli import run
 from capture_app.common.errors import ExitCode
-from capture_app.companions.importing.recording import ImportOptions, import_found
 from capture_app.session.format.common_times import CommonTimes
 from capture_app.session.reading.reader import Session
-from tests.unit.companions.importing.numbered_video import numbers_of, write_video
+from tests.unit.companions.importing.numbered_video import imported, numbers_of, write_video
 
 EPOCH_S = 1_700_000_000
 LATE = [{"a": 0}, {"a": 1, "b": 0}, {"a": 2, "b": 1}, {"a": 3, "b": 2}, {"b": 3}]
@@ -24,13 +23,6 @@ def clips(folder: Path, names: Sequence[str] = ("a", "b"), count: int = 4) -> No
 
 def rows(begin_s: float, count: int = 4) -> str:
     return "\n".join(["time", *(f"{begin_s + n / 10:.3f}" for n in range(count))])
-
-
-def imported(folder: Path, **options: object) -> tuple[Session, str]:
-    said: list[str] = []
-    chosen = ImportOptions(align="none", **options)  # type: ignore[arg-type]
-    (session,) = import_found([str(folder)], folder.parent / "out", "s", chosen, talk=said.append)
-    return session, "\n".join(said)
 
 
 def common(session: Session) -> CommonTimes:

@@ -38,6 +38,13 @@ def streamed(burst: int, *pictures: Picture, max_bytes: int = 1 << 20) -> Upload
     return upload
 
 
+async def deaf(channel: Channel[ToLeader]) -> None:
+    """Serve a node, but confirm none of its images."""
+    while (received := await received_from(channel)) is not None:
+        if not isinstance(received[0], ImageBatch):
+            await channel.send(ReportAck())
+
+
 def test_what_is_missing_is_told_in_runs_at_the_end() -> None:
     upload = streamed(1, Picture(b"zero"))
     assert upload.current_report(tuple(upload.images)).plan.picking
@@ -136,11 +143,6 @@ async def test_a_recording_does_not_wait_for_another_one_that_goes_on(tmp_path: 
 
 
 async def test_a_node_that_is_started_again_offers_what_the_spool_has(tmp_path: Path) -> None:
-    async def deaf(channel: Channel[ToLeader]) -> None:
-        while (received := await received_from(channel)) is not None:
-            if not isinstance(received[0], ImageBatch):
-                await channel.send(ReportAck())
-
     async with uploading(deaf, [], Spool(tmp_path, "a")) as uploader:
         uploader.add_burst(streamed(1, Picture(b"zero"), Picture(b"one")))
         # An image is safe when its line is: its bytes come before it.
@@ -192,11 +194,6 @@ async def test_a_recording_is_sent_in_parts_and_what_is_damaged_costs_no_other_f
 
 
 async def test_frames_of_a_recording_wait_in_a_film(tmp_path: Path) -> None:
-    async def deaf(channel: Channel[ToLeader]) -> None:
-        while (received := await received_from(channel)) is not None:
-            if not isinstance(received[0], ImageBatch):
-                await channel.send(ReportAck())
-
     folder = tmp_path / "a/00000001-000001"
     async with uploading(deaf, [], Spool(tmp_path, "a")) as uploader:
         upload = streamed(1, Picture(b"zero"), Picture(b"one"))

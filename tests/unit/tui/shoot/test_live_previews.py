@@ -153,8 +153,9 @@ async def test_depth_takes_the_place_of_its_camera_until_it_ends(tmp_path: Path)
     async with studio.running(120, 40) as pilot:
         await studio.show_all(pilot)
         near = DepthPreview(0, "cam01", jpeg=picture(250), moving_confirmed=0.94, late_ns=300_000_000)
+        preview = studio.tiles[1].picture.cells
         studio.view.stage.show_depth(near)
-        await studio.settle(pilot)
+        await until(pilot, lambda: studio.tiles[1].picture.cells is not preview)
         shown = studio.tiles[1].picture.cells
         assert studio.title == "Live · depth of cam01 · 94 % of moving pixels have depth"
         before = studio.tiles[0].picture.cells

@@ -10,6 +10,7 @@ import pytest
 from capture_app.tui.jobs import run
 from capture_app.tui.jobs.run import MOMENT, Run, RunState
 from capture_app.tui.shoot import take_depth
+from capture_app.tui.widgets.key_footer import KeyFooter
 from tests.unit.tui.driving import make_app, until
 from tests.unit.tui.shoot.studio import Studio, ready_rig, saves_into
 
@@ -74,6 +75,32 @@ async def test_the_depth_of_two_cameras_is_shown_before_that_of_all(studio: Stud
         await until(pilot, lambda: "94 % of moving pixels have depth" in studio.view.take_panel.plain)
         assert take_depth.picture(studio.app.runs, studio.view.takes[-1].sheet) is not None
         assert studio.view.check_action("open_depth", ())
+        await until(pilot, lambda: "Depth" in pilot.app.screen.query_one(KeyFooter).plain[0])
+
+
+async def test_a_depth_that_waits_is_cancelled_for_that_of_the_next_take(
+    studio: Studio, tmp_path: Path
+) -> None:
+    (tmp_path / "how").write_text("wait")
+    async with studio.running(120, 50) as pilot:
+        for taken in (1, 2, 3):
+            await pilot.press("space")
+            await until(pilot, lambda: len(studio.app.runs.all) == taken)  # noqa: B023 - awaited here
+        states = [run.state for run in sorted(studio.app.runs.all, key=lambda run: run.session)]
+        assert states == [RunState.RUNNING, RunState.CANCELLED, RunState.WAITING]
+
+
+async def test_a_depth_that_does_not_apply_is_forgotten_at_the_next_take(
+    studio: Studio, tmp_path: Path
+) -> None:
+    (tmp_path / "how").write_text("refuse")
+    async with studio.running(120, 50) as pilot:
+        await pilot.press("space")
+        await until(pilot, lambda: [run.state for run in studio.app.runs.all] == [RunState.NOT_APPLICABLE])
+        (first,) = studio.app.runs.all
+        await pilot.press("space")
+        await until(pilot, lambda: any(run is not first for run in studio.app.runs.all))
+        assert first not in studio.app.runs.all
 
 
 async def test_depth_is_not_made_where_it_is_not_wanted(tmp_path: Path) -> None:

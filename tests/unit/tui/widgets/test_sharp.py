@@ -17,12 +17,12 @@ import cv2
 import numpy as np
 import pytest
 from textual.app import App
-from textual.pilot import Pilot
 
 from capture_app.session.reading.take_sheet import TakeSheet
 from capture_app.tui.widgets.look import LookScreen
 from capture_app.tui.widgets.picture import Picture, SharpTerminal
 from tests.project import JUMPER, ROOT
+from tests.unit.tui.driving import finish_work
 from tests.unit.tui.widgets.screen_of_a_picture import END
 from tests.unit.tui.widgets.sent import PLACEHOLDER, Sent
 
@@ -151,12 +151,6 @@ class SharpApp(App[None]):
     sharp_terminal = SharpTerminal(Sent, (10, 20))
 
 
-async def settle(app: App[None], pilot: Pilot[None]) -> None:
-    await pilot.pause()
-    await app.workers.wait_for_complete()
-    await pilot.pause()
-
-
 async def test_a_picture_is_sharp_while_it_rests_and_is_let_go() -> None:
     app = SharpApp()
     async with app.run_test(size=(80, 24)) as pilot:
@@ -165,7 +159,7 @@ async def test_a_picture_is_sharp_while_it_rests_and_is_let_go() -> None:
         app.push_screen(look)
 
         async def seen() -> str:
-            await settle(app, pilot)
+            await finish_work(pilot)
             picture = look.query_one(Picture)
             return "".join(picture.render_line(y).text for y in range(picture.size.height))
 
@@ -182,5 +176,5 @@ async def test_a_picture_is_sharp_while_it_rests_and_is_let_go() -> None:
         await pilot.resize_terminal(60, 20)
         assert PLACEHOLDER in await seen()
         await pilot.press("escape")
-        await settle(app, pilot)
+        await finish_work(pilot)
         assert Sent.held == 0

@@ -18,6 +18,7 @@ from capture_app.tui.widgets.look import LookScreen, Motion, ping_pong
 from capture_app.tui.widgets.picture import Picture
 from tests.facts import make_facts
 from tests.project import JUMPER
+from tests.unit.tui.driving import finish_work
 from tests.unit.tui.takes import make_take, picture_of
 
 SAMPLE = JUMPER
@@ -36,12 +37,6 @@ class SheetApp(App[None]):
         self.contact.show(self.sheet)
 
 
-async def settle(app: App[None], pilot: Pilot[None]) -> None:
-    await pilot.pause()
-    await app.workers.wait_for_complete()
-    await pilot.pause()
-
-
 def text_of(sheet: ContactSheet) -> list[str]:
     return [sheet.render_line(y).text.rstrip() for y in range(sheet.size.height)]
 
@@ -49,7 +44,7 @@ def text_of(sheet: ContactSheet) -> list[str]:
 async def test_cameras_are_across_by_name_and_instants_down() -> None:
     app = SheetApp(TakeSheet.open(SAMPLE))
     async with app.run_test(size=(120, 40)) as pilot:
-        await settle(app, pilot)
+        await finish_work(pilot)
         lines = text_of(app.contact)
         assert lines[0].split() == ["instant", "cam00", "cam01", "cam04", "cam05", "cam06"]
         times = [line[:8].strip() for line in lines[1:] if line[:8].strip() and "↔" not in line[:8]]
@@ -70,7 +65,7 @@ async def test_a_picture_that_is_being_read_says_so(monkeypatch: pytest.MonkeyPa
         await pilot.pause()
         reading = "\n".join(text_of(app.contact))
         may_read.set()
-        await settle(app, pilot)
+        await finish_work(pilot)
         assert "loading …" in reading
         assert "loading" not in "\n".join(text_of(app.contact))
 
@@ -91,7 +86,7 @@ async def test_what_is_missing_late_or_beside_is_said_in_its_place(tmp_path: Pat
     burst = BurstRecord(instants_ns=tuple(n * 10**8 for n in range(4)), period_ns=10**8)
     app = SheetApp(TakeSheet(writer.finish([camera], burst, [gone], "captured")))
     async with app.run_test(size=(60, 110)) as pilot:
-        await settle(app, pilot)
+        await finish_work(pilot)
         text = "\n".join(text_of(app.contact))
         assert "! +3.1 ms off" in text
         assert "! neighbouring frame" in text
@@ -113,11 +108,11 @@ async def test_of_a_large_take_only_what_is_seen_is_read(
     monkeypatch.setattr(TakeSheet, "load", note)
     app = SheetApp(sheet)
     async with app.run_test(size=(80, 24)) as pilot:
-        await settle(app, pilot)
+        await finish_work(pilot)
         assert 0 < len(read) < 60
         assert ("cam19", 11) not in read
         app.contact.go_to("cam19", 11)
-        await settle(app, pilot)
+        await finish_work(pilot)
         assert ("cam19", 11) in read
         assert len(read) == len(set(read))
         assert "cam19" in text_of(app.contact)[0]
@@ -126,15 +121,15 @@ async def test_of_a_large_take_only_what_is_seen_is_read(
 async def test_the_sheet_fits_again_when_the_window_changes(tmp_path: Path) -> None:
     app = SheetApp(TakeSheet(make_take(tmp_path, cameras=4, instants=3)))
     async with app.run_test(size=(80, 24)) as pilot:
-        await settle(app, pilot)
+        await finish_work(pilot)
         before = app.contact.thumb_size
         await pilot.resize_terminal(200, 50)
-        await settle(app, pilot)
+        await finish_work(pilot)
         assert app.contact.thumb_size.width > before.width
         app.contact.focus()
         await pilot.press("minus", "minus")
         assert app.contact.thumb_size.width < 46
-        await settle(app, pilot)
+        await finish_work(pilot)
         assert "▀" in "".join(text_of(app.contact))
 
 
@@ -172,12 +167,12 @@ class LookApp(App[None]):
 async def test_one_picture_is_looked_at_and_left_where_the_user_went(tmp_path: Path) -> None:
     app = LookApp(make_take(tmp_path, cameras=3, instants=3))
     async with app.run_test(size=(80, 24)) as pilot:
-        await settle(app, pilot)
+        await finish_work(pilot)
         picture = app.look.query_one(Picture)
         assert picture.cells is not None
         first = picture.cells.inks.mean(axis=(0, 1, 2))
         await pilot.press("right", "down", "right")
-        await settle(app, pilot)
+        await finish_work(pilot)
         assert app.look.shown == ("cam02", 2)
         assert not np.allclose(picture.cells.inks.mean(axis=(0, 1, 2)), first, atol=5)
         await pilot.press("escape")
@@ -227,6 +222,6 @@ def test_the_sheet_looks_as_it_did(snap_compare: Any, tmp_path: Path) -> None:
     async def before(pilot: Pilot[None]) -> None:
         app.contact.focus()
         await pilot.press("right", "down")
-        await settle(app, pilot)
+        await finish_work(pilot)
 
     assert snap_compare(app, terminal_size=(120, 40), run_before=before)

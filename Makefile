@@ -44,6 +44,7 @@
 # make bench NAME=people   joints of a drawn figure whose cameras are in step, late, staggered or of unequal rates (8 min; BENCH="--cameras 4")
 # make bench NAME=people-film BENCH=SESSION   joints of a real film of which one camera is reduced to every other frame (a minute)
 # make bench NAME=verdicts   what is said of takes whose lateness is known: certified, denied, not told, error bars (30 min; BENCH="--fast --part 2")
+# make bench NAME=rig-verdicts   what is said of rigs of three and five cameras of which one is late (20 min; BENCH="--steady --part 2")
 # make bench NAME=periodic   recordings of a motion that repeats, begun at other times: who is aligned a period off (15 min; BENCH="--count 8")
 # make bench NAME=time-words   what reconstruct time says of forty takes of which single images are off, beside the truth (5 min)
 # make bench NAME=seeds   ten thousand rigs in virtual time, each with the faults and orders of its seed (hours; BENCH=0-299)
@@ -177,6 +178,7 @@ BENCH_fisheyes := benchmarks.reconstruction.fisheye_twin
 BENCH_board-errors := benchmarks.reconstruction.board_errors
 BENCH_pairs := benchmarks.reconstruction.stereo_pairs
 BENCH_verdicts := benchmarks.reconstruction.verdicts
+BENCH_rig-verdicts := benchmarks.reconstruction.rig_verdicts
 BENCH_periodic := benchmarks.reconstruction.periodic_takes
 BENCH_time-words := benchmarks.reconstruction.time_words
 BENCH_seeds := tests.virtual $(if $(BENCH),,0-9999)

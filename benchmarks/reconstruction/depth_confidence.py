@@ -36,6 +36,7 @@ from reconstruction.methods.multiview.input_images import (
     undistort_image,
     undistorted_truth,
 )
+from reconstruction.methods.multiview.instant_model import measure_confidence
 from reconstruction.methods.multiview.sweep_matcher import match_all_views
 from reconstruction.scene.dataset import Dataset
 from reconstruction.scene.moving_pixels import MARGIN_PX, dilate
@@ -66,20 +67,17 @@ class Judged:
 
     case: str
     support: DepthSupport
+    said: Array
+    """Confidence of each pixel, by its own camera's misfit."""
     right: Array
     misfit_px: float | None
     cpu_s: float
-
-    @property
-    def said(self) -> Array:
-        """Confidence of each pixel."""
-        return self.support.confidence(self.misfit_px)
 
 
 def judge(case: str, images: Mapping[str, InputImage], truth: Mapping[str, Array]) -> Judged:
     """Compute depth from images, and compare it with its true depth (m, 0 = unknown) by camera."""
     calibrated = {name: image.calibrated for name, image in images.items()}
-    misfit_px = check_images(images).error_px
+    checked = check_images(images)
     scene = find_rough_scene(calibrated)
     sources = choose_source_views({name: calibrated[name].view for name in scene.points}, scene.points)
     found = match_all_views(calibrated, sources, scene.depth_ranges, has_thin=scene.has_thin)
@@ -90,13 +88,15 @@ def judge(case: str, images: Mapping[str, InputImage], truth: Mapping[str, Array
         name: (view.depth > 0) & (truth[name] > 0) & ~images[name].outside for name, view in found.items()
     }
     talk(f"{case}: {len(found)} maps")
-    parts = [[part[known[name]] for part in supports[name][:2]] for name in known]
-    evidence, worth_px = map(np.concatenate, zip(*parts, strict=True))
+    said, _ = measure_confidence(images, sources, found, checked, 0.0)
+    parts = [[part[known[name]] for part in (*supports[name][:2], said[name])] for name in known]
+    evidence, worth_px, sure = map(np.concatenate, zip(*parts, strict=True))
     return Judged(
         case,
         DepthSupport(evidence, worth_px, len(images)),
+        sure.astype(np.float32),
         np.concatenate([right_depth(found[n].depth, truth[n])[known[n]] for n in known]),
-        misfit_px,
+        checked.error_px,
         cpu_s,
     )
 

@@ -1,7 +1,7 @@
 """Sessions of a pair with a known time offset, painted and real, to test timing judgements."""
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -267,18 +267,24 @@ def _paint(take: Take, cache: Path) -> Session:
                 parts.append(seen[part * HEIGHT // strips : (part + 1) * HEIGHT // strips])
             if name == "left" or k not in take.repeats:
                 images[name] = np.concatenate(parts)
-            _add(writer, name, k, images[name])
+            add_image(writer, name, k, images[name])
     near, far = (3.0, 30.0) if stage.rig_path else (2.5, 6.0)
     wrong = views | {"right": _wrong((views["left"], views["right"]), (near, far), take, rng)}
-    calibration = {name: view.to_calibration() for name, view in wrong.items()}
+    return finish(writer, wrong, take.frames)
+
+
+def finish(writer: SessionWriter, views: Mapping[str, View], frames: int) -> Session:
+    """Finish a painted session of this number of instants with its calibration."""
+    calibration = {name: view.to_calibration() for name, view in views.items()}
     writer.set_calibration(Calibration(cameras=calibration, source="painted"))
     facts = make_facts(width=WIDTH, height=HEIGHT, period_ns=round(PERIOD_MS * 1e6))
-    instants = tuple(round(k * PERIOD_MS * 1e6) for k in range(take.frames))
+    instants = tuple(round(k * PERIOD_MS * 1e6) for k in range(frames))
     burst = BurstRecord(instants_ns=instants, period_ns=round(PERIOD_MS * 1e6))
     return writer.finish([CameraRecord(name=name, facts=facts) for name in views], burst, origin="imported")
 
 
-def _add(writer: SessionWriter, name: str, k: int, image: Array) -> None:
+def add_image(writer: SessionWriter, name: str, k: int, image: Array) -> None:
+    """Add a grey image to a painted session, as a PNG."""
     data = cv2.imencode(".png", image, [cv2.IMWRITE_PNG_COMPRESSION, 1])[1].tobytes()
     at_ns = round(k * PERIOD_MS * 1e6)
     writer.add_image(data, camera=name, instant=k, leader_ns=at_ns, suffix=".png")

@@ -73,13 +73,18 @@ def draw(projection: Floats, motion: Motion | None, at_s: float, rng: np.random.
     return cv2.imencode(".png", taken, [cv2.IMWRITE_PNG_COMPRESSION, 1])[1].tobytes()
 
 
-def write_session(root: Path, motion: Motion, order: str, *, error_s: float, seed: int) -> Path:
-    """Write a take of a motion and return its folder; times are off by `error_s` (one sigma)."""
+def write_session(
+    root: Path, motion: Motion, order: str, *, error_s: float, seed: int, empty: int = EMPTY
+) -> Path:
+    """Write a take of a motion and return its folder; times are off by `error_s` (one sigma).
+
+    The ball is there from the instant `empty` on.
+    """
     rng = np.random.default_rng(seed)
     writer = SessionWriter.create(root, f"{order.replace(' ', '-')}-{seed}")
     lens = np.array([[FOCAL_PX, 0, SIZE[0] / 2], [0, FOCAL_PX, SIZE[1] / 2], [0, 0, 1]])
     calibrations, cameras = {}, []
-    instants = EMPTY + round(SECONDS * FPS)
+    instants = empty + round(SECONDS * FPS)
     facts = CameraFacts(
         kind=SIMULATED,
         model="drawn",
@@ -107,7 +112,7 @@ def write_session(root: Path, motion: Motion, order: str, *, error_s: float, see
             true_ns = k * PERIOD_NS + delay_ns
             off_ns = round(rng.normal(0, error_s * 1e9))
             writer.add_image(
-                draw(projection, motion if k >= EMPTY else None, true_ns / 1e9 - EMPTY / FPS, rng),
+                draw(projection, motion if k >= empty else None, true_ns / 1e9 - empty / FPS, rng),
                 camera=name,
                 instant=k,
                 leader_ns=true_ns + off_ns,

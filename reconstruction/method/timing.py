@@ -20,7 +20,7 @@ from reconstruction.time_offsets.crossings import (
 )
 from reconstruction.time_offsets.instant_votes import UNCHANGED, Change
 from reconstruction.time_offsets.pair_offset import PairOffsets
-from reconstruction.time_offsets.rig_offsets import measure_rig_offsets
+from reconstruction.time_offsets.rig_offsets import joined_to, likely_pairs, measure_rig_offsets
 from reconstruction.time_offsets.single_images import SingleImages, stalled_images
 
 SIGMAS = 2.0
@@ -31,6 +31,7 @@ MAX_UNSEEN = 0.25
 """Fraction of the instants with motion that may show no offset before and after those that do.
 
 A frame that is dropped there is not seen."""
+UNSTEADY_PAIRS = "no chain of pairs of cameras shows one steady offset from the first motion to the last"
 SURE_FRAMES = 0.1
 """Error, in frames, above which a measurement certifies nothing."""
 LOST_FRACTION = 0.5
@@ -108,24 +109,23 @@ class Timing(Struct, frozen=True, kw_only=True):
 
 
 def measure_pair_timing(
-    offsets: PairOffsets, cameras: tuple[str, str], fit: OffsetFit | None = None
+    offsets: PairOffsets, cameras: tuple[str, str], fit: OffsetFit | None = None, unseen: str = ""
 ) -> Timing:
     """Measure and judge the second camera's time offset against the first, at instants with motion.
 
-    A `fit` is the offset as measured by other means.
+    A `fit` is the offset as measured by other means, and `unseen` why these do not show it throughout.
     """
     dataset, (first, second) = offsets.dataset, cameras
+    fit = fit or offsets.measure(*cameras)
     spacing_ms = min((b - a for a, b in pairwise(dataset.instants_ns)), default=dataset.period_ns) / 1e6
     times = ImageTimes(dataset, cameras)
     apart = [times.middle_ms(second, k) - times.middle_ms(first, k) for k in dataset.instants(*cameras)]
     moving = {name: px * spacing_ms / ms for name, (px, ms) in offsets.moving(cameras).items()}
-    timing = judge_timing(
-        cameras, fit or offsets.measure(*cameras), float(np.median(apart or [0.0])), spacing_ms, moving
-    )
+    timing = judge_timing(cameras, fit, float(np.median(apart or [0.0])), spacing_ms, moving)
     timing = with_repeats(
         timing, {name: offsets.repeated(name) for name in cameras}, stalled_images(dataset, cameras)
     )
-    timing = with_unseen_ends(timing, offsets.measure(*cameras))
+    timing = with_unseen_ends(timing, unseen or unseen_ends(fit))
     timing = without_common_times(timing, dataset.unsynchronized)
     timing = structs.replace(timing, tried_ms=offsets.max_offset_ms)
     return with_planned_delay(timing, dataset.planned_delay_ms(first, second))
@@ -135,6 +135,8 @@ def measure_rig_timing(offsets: PairOffsets, reference: str | None) -> "SessionT
     """Measure every camera's time offset from many pairs; prefer `reference` if most informative."""
     rig_offsets = measure_rig_offsets(offsets.scene, preferred=reference, finder=offsets)
     first = next(name for name, offset in rig_offsets.items() if offset.sd_ms == 0)
+    measured = {pair: offsets.measure(*pair) for pair in likely_pairs(offsets.scene)}
+    steady = steady_cameras(first, measured, offsets.dataset.period_ns / 1e6)
     judged = (
         measure_pair_timing(
             offsets,
@@ -146,11 +148,31 @@ def measure_rig_timing(offsets: PairOffsets, reference: str | None) -> "SessionT
                 misfit_px=offset.misfit_px,
                 change=offset.change or UNCHANGED,
             ),
+            "" if name in steady else UNSTEADY_PAIRS,
         )
         for name, offset in rig_offsets.items()
         if name != first
     )
     return SessionTiming(reference=first, cameras=tuple(judged))
+
+
+def steady_cameras(
+    reference: str, measured: Mapping[tuple[str, str], OffsetFit], period_ms: float
+) -> set[str]:
+    """Return the cameras that a chain of pairs with one offset in all of the motion joins to the reference.
+
+    The adjusted offsets of a rig are means, and have no instants of their own.
+    """
+    limit_ms = SURE_FRAMES * period_ms
+    steady = [
+        pair
+        for pair, fit in measured.items()
+        if fit.offset_ms is not None
+        and not (fit.change or fit.disagreeing or any(fit.glitches_ms) or unseen_ends(fit))
+        and not (fit.odd_ms(limit_ms) or fit.jitter_ms(period_ms))
+        and SIGMAS * _max_jitter_ms(fit.instants, fit.offset_ms) <= limit_ms
+    ]
+    return joined_to(reference, steady)
 
 
 def judge_timing(
@@ -270,19 +292,23 @@ def _max_jitter_ms(instants: Sequence[InstantOffset], late_ms: float) -> float:
     return float(jitters[possible].max(initial=0.0))
 
 
-def with_unseen_ends(timing: Timing, fit: OffsetFit) -> Timing:
-    """Return the judgement of a take whose two cameras show their offset in a part of its motion alone.
+def unseen_ends(fit: OffsetFit) -> str:
+    """Return why a drop may hide from two cameras that show their offset in a part of the motion alone.
 
-    Neither synchronized nor of one frame: what is dropped before or after that part does not show. `fit`
-    is that of the two, also where the whole rig's is judged.
+    A single instant at an end may be a wrong match.
     """
-    if timing.offset or not fit.instants:
-        return timing
-    first, last = (end(instant.instant for instant in fit.instants) for end in (min, max))
-    if sum(not first <= k <= last for k in fit.unvoted) <= MAX_UNSEEN * fit.examined:
-        return timing
-    reason = f"the offset is seen at instants {first} to {last} alone; others have motion too"
-    return _denied(timing, timing.reason or reason)
+    surely = sorted(instant.instant for instant in fit.instants)[1:-1] or [0]
+    first, last = surely[0], surely[-1]
+    unseen = sum(not first <= k <= last for k in fit.unvoted) > MAX_UNSEEN * fit.examined
+    return f"the offset is surely seen at instants {first} to {last} alone; others move too" if unseen else ""
+
+
+def with_unseen_ends(timing: Timing, reason: str) -> Timing:
+    """Return the judgement of cameras whose offset does not show throughout, if a `reason` says so.
+
+    Neither synchronized nor of one frame: what is dropped before or after the part that shows is not seen.
+    """
+    return _denied(timing, timing.reason or reason) if reason and not timing.offset else timing
 
 
 def without_common_times(timing: Timing, problem: str) -> Timing:
@@ -290,12 +316,9 @@ def without_common_times(timing: Timing, problem: str) -> Timing:
 
     Agreement by motion near the recorded times does not exclude another offset that fits as well.
     """
-    if not problem or (not timing.synchronized and timing.same_frame_ms is None):
-        return timing
-    return _denied(
-        timing,
-        f"the recording is {problem.partition(':')[0]}, and reconstruct time --apply has not aligned it",
-    )
+    reason = f"the recording is {problem.partition(':')[0]}, and reconstruct time --apply has not aligned it"
+    certain = timing.synchronized or timing.same_frame_ms is not None
+    return _denied(timing, reason) if problem and certain else timing
 
 
 def with_repeats(
@@ -314,30 +337,37 @@ def with_repeats(
 
 def with_planned_delay(timing: Timing, planned_ms: float) -> Timing:
     """Return the judgement of cameras that are staggered by `planned_ms`; unless 0, never synchronized."""
-    if not planned_ms:
-        return timing
     reason = timing.reason or f"{timing.other} is staggered by {planned_ms:.2f} ms on purpose"
-    return structs.replace(_denied(timing, reason), planned_ms=planned_ms, shift_ms=None)
+    staggered = structs.replace(_denied(timing, reason), planned_ms=planned_ms, shift_ms=None)
+    return staggered if planned_ms else timing
 
 
 def with_depth_runs(timing: Timing, peaks_ms: Mapping[int, float], spacing_ms: float) -> Timing:
     """Return the judgement without one common frame if successive instants find most depth at another offset.
 
-    `peaks_ms` holds the offset of each instant, in order, whose own depth curve has a clear maximum. A single
-    one may be a wrong match. A measured offset, a change of it and a certificate by motion remain.
+    `peaks_ms` holds the offset of each instant whose own depth curve has a clear maximum, in order. A single
+    one may be a wrong match; the first or the last counts if motion tells no frame, as a drop hides there. A
+    measured offset, a change of it and a certificate by motion remain.
     """
     instants, offsets_ms = [*peaks_ms], [*peaks_ms.values()]
     most_ms = min(multimode(offsets_ms), default=0.0)
     runs = [[*run] for _, run in groupby(range(len(offsets_ms)), key=offsets_ms.__getitem__)]
-    odd = [run for run in runs if len(run) > 1 and abs(offsets_ms[run[0]] - most_ms) > spacing_ms / 2]
+    ends = {0, len(instants) - 1} if timing.same_frame_ms is None else set()
+    odd = [
+        [instants[k] for k in run]
+        for run in runs
+        if (len(run) > 1 or ends & {*run}) and abs(offsets_ms[run[0]] - most_ms) > spacing_ms / 2
+    ]
     if timing.offset or timing.synchronized or timing.misfit_px is not None or not odd:
         return timing
-    where = [
-        f"{_paired(offsets_ms[run[0]])} at instants {instants[run[0]]} to {instants[run[-1]]}" for run in odd
-    ]
+    where = [f"{_paired(peaks_ms[run[0]])} at {_instants(run)}" for run in odd]
     reason = f"depth is found best {', '.join(where)}, and {_paired(most_ms)} at most others"
-    disagreeing = {*timing.disagreeing, *(instants[k] for run in odd for k in run)}
+    disagreeing = {*timing.disagreeing, *(k for run in odd for k in run)}
     return structs.replace(_denied(timing, reason), disagreeing=tuple(sorted(disagreeing)))
+
+
+def _instants(run: Sequence[int]) -> str:
+    return f"instants {run[0]} to {run[-1]}" if len(run) > 1 else f"instant {run[0]}"
 
 
 def _paired(later_ms: float) -> str:
@@ -379,7 +409,9 @@ def with_depth(timing: Timing, depth: StudyResult[Any]) -> Timing:
     The images are of different instants if most of what moves is lost and has an epipolar error, while still
     objects are found without one. If motion contradicts this, nothing is certain.
     """
-    moving, still = found_shares(depth)
+    # Correct depth, if the true depth is known.
+    measure = "coverage" if depth.value("mover_within_2pct") is None else "within_2pct"
+    moving, still = (depth.value(f"{part}_{measure}") for part in ("mover", "static"))
     rows, control = depth.value("mover_epipolar_px"), depth.value("static_epipolar_px")
     if moving is None or still is None or rows is None or control is None:
         return timing
@@ -397,12 +429,6 @@ def with_depth(timing: Timing, depth: StudyResult[Any]) -> Timing:
 def _denied(timing: Timing, reason: str) -> Timing:
     """Return the judgement without its certificate, with the reason."""
     return structs.replace(timing, synchronized=False, same_frame_ms=None, reason=reason)
-
-
-def found_shares(depth: StudyResult[Any]) -> tuple[float | None, float | None]:
-    """Return the fractions of moving and of still pixels with a depth (correct, if known) as recorded."""
-    measure = "coverage" if depth.value("mover_within_2pct") is None else "within_2pct"
-    return depth.value(f"mover_{measure}"), depth.value(f"static_{measure}")
 
 
 class SessionTiming(Struct, frozen=True, kw_only=True):

@@ -383,10 +383,16 @@ def fit_offset(
             reason=f"only {len(instants)} instants have enough motion; {MIN_INSTANTS} are needed",
             instants=instants,
         )
-    if not change.witnessed([instant.instant for instant in instants]):
-        return fit_offset(crossings, still, period_ms, recorded_px, steady=True)
+    is_wrong = not change.witnessed([instant.instant for instant in instants])
     if change.drift:
-        change = _refined(change, instants, period_ms)
+        slope_ms, slope_sd_ms, _ = fit_slope(instants)
+        more, drift_sd = slope_ms / period_ms, slope_sd_ms / period_ms
+        left = _changing(instants, structs.replace(change, drift=-more), period_ms)
+        # A rate leaves no drift; a wrong calibration leaves one where the motion changes its direction.
+        is_wrong = scatter_ms(left, period_ms)[1]
+        change = structs.replace(change, drift=change.drift + more, drift_sd=drift_sd)
+    if is_wrong:
+        return fit_offset(crossings, still, period_ms, recorded_px, steady=True)
     offset_ms = float(fit.values[0])
     # Where motion turns, a point crosses its line twice, and only at the wrong time fast.
     slower = crossings.only(np.abs(crossings.across_px_per_ms) * period_ms > MIN_ACROSS_PX / 2)
@@ -423,12 +429,6 @@ def _glitches_ms(
         {k: -ms for k, ms in first.items() if abs(ms) < limit_ms},
         {k: ms for k, ms in second.items() if abs(ms) < limit_ms},
     )
-
-
-def _refined(change: Change, instants: tuple[InstantOffset, ...], period_ms: float) -> Change:
-    """Return a drift corrected by the slope of the instants' remaining offsets, with its error."""
-    slope_ms, sd_ms, _ = fit_slope(instants)
-    return structs.replace(change, drift=change.drift + slope_ms / period_ms, drift_sd=sd_ms / period_ms)
 
 
 def fit_slope(instants: Sequence[InstantOffset]) -> tuple[float, float, float]:

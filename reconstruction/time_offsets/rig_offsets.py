@@ -1,6 +1,6 @@
 """Time offsets of all cameras of a rig relative to one of them, from the offsets of camera pairs."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from itertools import combinations
 from typing import Any
 
@@ -84,8 +84,8 @@ def adjust_offsets(
     `reference` and `preferred` are as in `measure_rig_offsets`.
     """
     known = {pair: (fit.offset_ms, fit.sd_ms) for pair, fit in measured.items() if fit.offset_ms is not None}
-    reference = reference or max(names, key=lambda name: (len(_joined_to(name, known)), name == preferred))
-    joined = _joined_to(reference, known)
+    reference = reference or max(names, key=lambda name: (len(joined_to(name, known)), name == preferred))
+    joined = joined_to(reference, known)
     others = [name for name in names if name in joined and name != reference]
     times = {reference: CameraTime(offset_ms=0.0, sd_ms=0.0, source=REFERENCE)}
     if others:
@@ -176,7 +176,7 @@ def with_own_changes(cameras: Mapping[str, CameraTime]) -> dict[str, CameraTime]
     return {name: structs.replace(camera, change=own[name]) for name, camera in cameras.items()}
 
 
-def _joined_to(reference: str, pairs: Mapping[Pair, object]) -> set[str]:
+def joined_to(reference: str, pairs: Collection[Pair]) -> set[str]:
     """Return the cameras that a chain of pairs joins to the reference, including itself."""
     joined = {reference}
     while more := {name for pair in pairs if joined & set(pair) for name in pair} - joined:

@@ -32,10 +32,11 @@ def find_moving_points(images: Iterable[Array], background: Array, frames: int) 
         corner = [side.start for side in box[::-1]]
         ys, xs = np.nonzero(region)
         weights = contrast[ys, xs] / max(float(contrast.sum()), 1.0)
-        found.append((corner + np.array([weights @ xs, weights @ ys]), box, region))
+        found.append((corner + np.array([weights @ xs, weights @ ys]), box, np.packbits(region)))
     stays = covered > MAX_STAY * frames
     return [
-        middle if region.any() and not stays[box][region].any() else None for middle, box, region in found
+        middle if bits.any() and not (np.packbits(stays[box]) & bits).any() else None
+        for middle, box, bits in found
     ]
 
 

@@ -6,6 +6,8 @@ from capture_app.session.format.common_times import NOT_SYNCHRONIZED
 from reconstruction.method.timing import (
     Timing,
     judge_timing,
+    steady_cameras,
+    unseen_ends,
     with_curve_peak,
     with_depth_runs,
     with_planned_delay,
@@ -14,6 +16,7 @@ from reconstruction.method.timing import (
 )
 from reconstruction.report.findings import sentences
 from reconstruction.time_offsets.crossings import InstantOffset, OffsetFit
+from reconstruction.time_offsets.instant_votes import Change, Step
 
 FRAME_MS = 33.3
 PAIR = ("L", "R")
@@ -110,10 +113,49 @@ def test_an_offset_that_is_seen_at_one_end_of_the_motion_only_certifies_nothing(
     pair = OffsetFit(0.1, 0.4, "", instants, unvoted=unseen)
     # A rig of three knows the offset better than the two, and has no instants of its own.
     for fit in (pair, OffsetFit(0.0, 0.2)):
-        found = with_unseen_ends(judge_timing(PAIR, fit, 0.0, FRAME_MS), pair)
+        found = with_unseen_ends(judge_timing(PAIR, fit, 0.0, FRAME_MS), unseen_ends(pair))
         assert found.synchronized == certain
         assert (found.same_frame_ms is not None) == certain
-        assert certain or "seen at instants 0 to 8 alone" in timing_sentences(found)
+        assert certain or "surely seen at instants 1 to 7 alone" in timing_sentences(found)
+
+
+def test_a_single_instant_at_the_end_does_not_show_that_no_frame_was_dropped_before_it() -> None:
+    """A painted take's fifth frame was dropped; four points of the last instant matched wrongly, at 0."""
+    instants = tuple(InstantOffset(k, -0.5, 1.0, 5) for k in (0, 1, 2, 3, 29))
+    hidden = OffsetFit(-0.5, 0.8, "", instants, unvoted=(*range(4, 11), 23, 24, 25, 27, 28))
+    assert "instants 1 to 3 alone" in unseen_ends(hidden)
+    more = InstantOffset(28, -0.5, 1.0, 5)
+    shown = OffsetFit(-0.5, 0.8, "", (*instants[:-1], more, instants[-1]), unvoted=hidden.unvoted[:-1])
+    assert not unseen_ends(shown)
+
+
+def test_a_camera_of_a_rig_is_certified_by_a_chain_of_its_own_pairs() -> None:
+    """A pair beside the measured ones is not asked for: in a rig of many it may see little in common."""
+    instants = tuple(InstantOffset(k, 0.1, 0.5, 20) for k in range(9))
+    whole, part = (OffsetFit(0.1, 0.4, "", instants, unvoted=unseen) for unseen in ((), (12, 15, 20, 29)))
+    dropped = OffsetFit(0.1, 0.4, "", instants, change=Change(steps=(Step(5, 1, 5, 5),)))
+    pairs = {("a", "b"): whole, ("b", "c"): whole, ("c", "d"): part, ("d", "e"): whole, ("b", "f"): dropped}
+    assert steady_cameras("a", pairs, FRAME_MS) == {"a", "b", "c"}
+    assert steady_cameras("a", pairs | {("c", "e"): whole}, FRAME_MS) == {*"abcde"}
+    assert steady_cameras("a", {("a", "b"): OffsetFit(reason="too few moving points")}, FRAME_MS) == {"a"}
+
+
+@pytest.mark.parametrize(
+    "odd_ms",
+    [(-9, 7, -12, 11, 3, -6, 10, -8, 0.5, 9), (0, 0, 0, 0, 14, 0, 0, 0, 0, 0)],
+    ids=["jitter", "one"],
+)
+def test_a_reference_whose_images_are_off_singly_leaves_its_rig_without_a_certificate(
+    odd_ms: tuple[float, ...],
+) -> None:
+    """Their mean is zero, and the rig's offsets are means: "cam1 is 0.1 ms late" was certified."""
+    steady, odd = (
+        OffsetFit(0.1, 0.4, "", tuple(InstantOffset(k, ms, 0.5, 20) for k, ms in enumerate(late_ms)))
+        for late_ms in ((0.1,) * 10, odd_ms)
+    )
+    pairs = {("a", "b"): odd, ("a", "c"): odd, ("b", "c"): steady}
+    assert steady_cameras("a", pairs, FRAME_MS) == {"a"}
+    assert steady_cameras("b", pairs, FRAME_MS) == {"b", "c"}
 
 
 def test_frames_that_wander_about_zero_are_not_synchronized() -> None:
@@ -228,8 +270,19 @@ def test_a_frame_that_only_depth_saw_dropped_takes_the_common_frame_away(known: 
     text = timing_sentences(found)
     assert "do not show whether the cameras were synchronized" in text
     assert "the second picture +33 ms later at instants 24 to 30, and as recorded at most others" in text
-    # One instant alone may be a wrong match.
-    assert with_depth_runs(motion, {**dict.fromkeys(range(7), 0.0), 7: FRAME_MS}, FRAME_MS) == motion
+
+
+@pytest.mark.parametrize("odd", [0, 3, 6])
+def test_the_last_instants_depth_alone_tells_of_a_drop_where_motion_tells_nothing(odd: int) -> None:
+    """Of four instants the last found three times as much depth a frame later: the frame was dropped."""
+    peaks = {**dict.fromkeys(range(7), 0.0), odd: -FRAME_MS}
+    for known in (OffsetFit(reason="why"), OffsetFit(2.4, 1.0)):
+        motion = judge_timing(PAIR, known, 0.0, FRAME_MS)
+        found = with_curve_peak(with_depth_runs(motion, peaks, FRAME_MS), [*peaks.values()], FRAME_MS)
+        # One instant between others may be a wrong match, and motion outweighs one instant.
+        hidden = known.offset_ms is None and odd in (0, 6)
+        assert (found.same_frame_ms is None) == hidden
+        assert (f"-33 ms later at instant {odd}, and as" in timing_sentences(found)) == hidden
 
 
 def test_curves_that_are_highest_as_recorded_tell_the_frame() -> None:

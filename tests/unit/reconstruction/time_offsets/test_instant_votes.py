@@ -69,6 +69,17 @@ def test_another_frame_rate_is_told(drift: float) -> None:
     assert "R's frames last " in timing_sentences(found)
 
 
+def test_a_wrong_calibration_of_cameras_that_turn_back_is_not_another_rate() -> None:
+    """A fixed error across the lines is a delay of one sign before a pan turns, of the other after it."""
+    since = np.arange(14) - 6.5
+    late = np.clip(0.6 / since, -0.35, 0.35) + 0.01 * since
+    found = crossings(0.0, right=60 * 14, wrong=0, instants=14)
+    told = judged(found.later(PERIOD_MS * late[found.instant]))
+    assert not told.change
+    assert not told.offset
+    assert not told.synchronized
+
+
 @pytest.mark.parametrize(("drift", "text"), [(1 / 6, "20 ± 3 % longer"), (-0.25, "20 ± 1 % shorter")])
 def test_frames_that_last_longer_are_told_by_their_own_length(drift: float, text: str) -> None:
     """A delay that grows by a sixth of the time recorded is that of frames that last a fifth longer."""

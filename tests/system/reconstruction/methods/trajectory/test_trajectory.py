@@ -76,6 +76,33 @@ def test_a_thrown_ball_is_followed_in_two_steps(tmp_path: Path, capsys: pytest.C
     assert len(table) == 97
 
 
+def rolling(root: Path, speed_m_s: float) -> tuple[Path, Motion]:
+    """A take of a slow ball that is in view from its first frame on, and the ball's path."""
+
+    def motion(times_s: np.ndarray) -> np.ndarray:
+        return np.stack([speed_m_s * (times_s - 0.8), 0.1 + 0 * times_s, 0.05 * times_s], axis=1)
+
+    return write_session(root, motion, "in step", error_s=20e-6, seed=1, empty=0), motion
+
+
+@pytest.mark.parametrize("speed_m_s", [0.3, 0.15])
+def test_a_slow_ball_that_is_always_in_view_is_within_its_bars(speed_m_s: float, tmp_path: Path) -> None:
+    session, motion = rolling(tmp_path, speed_m_s)
+    result = TrajectoryMethod().make([session], tmp_path / "path")
+    times_s = np.array([one.leader_ns for one in result.points]) / 1e9
+    off_m = np.linalg.norm(np.array([one.position for one in result.points]) - motion(times_s), axis=1)
+    bars_m = np.array([one.uncertainty for one in result.points])
+    assert (off_m <= bars_m).mean() > 0.85
+    assert bars_m.max() < 5e-3
+
+
+def test_a_ball_that_the_background_shows_is_refused_with_what_to_do(tmp_path: Path) -> None:
+    session, _ = rolling(tmp_path, 0.06)
+    with pytest.raises(NotApplicableError, match="one moving object is seen in") as refused:
+        TrajectoryMethod().make([session], tmp_path / "path")
+    assert "by three times its width or more" in refused.value.hint
+
+
 def test_cameras_that_see_different_things_move_have_no_path(tmp_path: Path) -> None:
     thrown, shaken = MOTIONS["thrown in an arc"], MOTIONS["shaken, 2 Hz"]
 

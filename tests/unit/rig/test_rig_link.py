@@ -1,0 +1,59 @@
+"""A screen's link to a leader that goes and comes back."""
+
+import asyncio
+from contextlib import suppress
+from pathlib import Path
+
+import pytest
+
+from capture_app.node.leader.leader_node import LeaderNode
+from capture_app.node.leader.leader_options import LeaderOptions
+from capture_app.protocol.status import LogLine, Preview, RigStatus
+from capture_app.rig.rig_link import LinkLost, RigLink, Update
+from tests.cheap_rig import cheap_cameras
+from tests.waiting import time_limit, until
+
+pytestmark = pytest.mark.virtual
+
+
+async def start(sessions: Path, port: int = 0) -> LeaderNode:
+    return await LeaderNode.start(LeaderOptions(sessions=sessions, host="127.0.0.1", port=port))
+
+
+async def test_a_link_that_is_lost_opens_again_with_its_previews(tmp_path: Path, open_rig: None) -> None:
+    leader = await start(tmp_path)
+    link = RigLink(leader.own_address)
+    told = list[Update]()
+
+    async def follow() -> None:
+        async for update in link.updates():
+            told.append(update)
+
+    def of(kind: type[Update]) -> list[Update]:
+        return [update for update in told if isinstance(update, kind)]
+
+    following = asyncio.create_task(follow())
+    async with time_limit("the link"), cheap_cameras(1, leader.own_address):
+        await until(lambda: any(isinstance(one, RigStatus) and one.nodes for one in told))
+        assert not of(Preview), "none is asked for"
+        # Asked for while the link is open: the leader need not be asked again for it to begin.
+        await link.want_previews(cameras=None, width=160, fps=10.0)
+        await until(lambda: len(of(Preview)) > 3)
+        assert all(one.jpeg.startswith(b"\xff\xd8") for one in told if isinstance(one, Preview))
+        port = leader.own_address.port
+        await leader.stop()
+        await until(lambda: of(LinkLost) != [])
+        # Several attempts fail, and one sentence says so.
+        await asyncio.sleep(5)
+        assert [one.reason for one in told if isinstance(one, LinkLost)][1:] == []
+        assert f"capture-app rig start --port {port}" in str(of(LinkLost)[0])
+        del told[:]
+        async with await start(tmp_path, port):
+            # Nobody asks again.
+            await until(lambda: len(of(Preview)) > 3)
+            assert of(RigStatus)
+    lines = [one.unix_ns for one in told if isinstance(one, LogLine)]
+    assert lines == sorted({*lines})
+    following.cancel()
+    with suppress(asyncio.CancelledError):
+        await following

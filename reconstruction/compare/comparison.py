@@ -27,7 +27,6 @@ from reconstruction.method.timing import measure_pair_timing, measure_rig_timing
 from reconstruction.report.comparison_report import report_words, write_report
 from reconstruction.report.findings import verdict
 from reconstruction.scene.calibration.consistency import check_rig
-from reconstruction.scene.calibration.structure_from_motion import unconfirmed_lenses
 from reconstruction.scene.conditions import (
     Condition,
     evenly_spaced,
@@ -269,7 +268,8 @@ class Comparison:
         """Return everything found so far, in the studies' order, and its words."""
         order = [*self.studies]
         made = tuple(sorted(self.known["studies"], key=lambda study: order.index(study.name)))
-        fields = self.known | {"studies": made, "calibration": self.context.scene.source}
+        scene = self.context.scene
+        fields = self.known | {"studies": made, "calibration": scene.source, "lenses": scene.lenses}
         result = with_provenance(CompareResult(**fields, **more), self._began_s, self.options.time_shifts_ms)
         return structs.replace(result, verdict=say_all(result, verdict), words=say_all(result, report_words))
 
@@ -319,7 +319,7 @@ def _measure_pair_timing(context: Context, offsets: PairOffsets, study: Score) -
     """Measure the time offset of a study's pair, and the delay that its depth tolerates."""
     context.progress.step(f"time offset of {study.cameras[1]} against {study.cameras[0]}")
     timing = measure_pair_timing(offsets, study.pair)
-    if not study.measures_delay or unconfirmed_lenses(context.scene.source):
+    if not study.measures_delay or context.scene.lenses.doubt():
         return {"timing": timing}
     timing = with_depth(timing, study.found)
     context.progress.step("depth at different offsets")

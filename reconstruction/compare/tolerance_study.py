@@ -28,7 +28,6 @@ from reconstruction.method.timing import (
     with_depth_runs,
 )
 from reconstruction.report.tolerance_report import tolerance_sentence, write_tolerance_report
-from reconstruction.scene.calibration.structure_from_motion import unconfirmed_lenses
 from reconstruction.scene.conditions import (
     SYNCHRONIZED,
     FrameOffset,
@@ -268,10 +267,11 @@ def measure_curve(
     judged = with_depth(judged, next(point for point in points if not point.late_ms))
     speed = _speed_px_per_ms(context.compared.motion, cameras[0], nows)
     own = scene.dataset.worst_residual_us()
-    is_known = judged.synchronized and not unconfirmed_lenses(scene.source)
+    is_known = judged.synchronized and not scene.lenses.doubt()
     return OffsetTolerance(
         cameras=cameras,
         calibration=scene.source,
+        lenses=scene.lenses,
         measure=measure,
         points=points,
         instants=len(nows),

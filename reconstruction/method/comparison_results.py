@@ -5,6 +5,7 @@ from typing import Any
 
 from msgspec import Struct
 
+from capture_app.session.format.calibration import LensKnowledge
 from reconstruction.method.study_result import StudyResult
 from reconstruction.method.timing import SessionTiming, Timing
 from reconstruction.scene.provenance import Provenance
@@ -56,6 +57,7 @@ class OffsetTolerance(Provenance, frozen=True, kw_only=True):
     """The result in words; empty inside a comparison, whose page states it."""
     session: str = ""
     calibration: str = ""
+    lenses: LensKnowledge = LensKnowledge()
     report: str = ""
 
     @property
@@ -104,6 +106,7 @@ class CompareResult(Provenance, frozen=True, kw_only=True):
     """One or two plain sentences for a reader who does not know what synchronization is."""
     calibration: str = "none"
     """Source of the calibration."""
+    lenses: LensKnowledge = LensKnowledge()
     rest_error_px: float | None = None
     """Misfit of points at rest to the calibration, a standard deviation; None if they are too few."""
     rest_points: int = 0

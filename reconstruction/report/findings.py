@@ -15,7 +15,6 @@ from reconstruction.method.tally import CONDITIONS
 from reconstruction.method.timing import SessionTiming, Timing
 from reconstruction.method.words import Claim
 from reconstruction.scene.calibration.consistency import INACCURATE_PX, describe_misfit
-from reconstruction.scene.calibration.structure_from_motion import GUESS, unconfirmed_lenses
 
 VAGUE_FRACTION = 0.6
 """Width of a fraction's 95 % interval from which it is no headline."""
@@ -94,7 +93,7 @@ def verdict(result: CompareResult) -> str:
 
     Images are said to show one instant only if their timing was found to.
     """
-    made, (_, guess, errors) = _believed(result), result.calibration.partition(GUESS)
+    made = _believed(result)
     names = {found.name for _, found in made}
     recorded = [study.as_recorded(result, found) for study, found in made]
     clear = [study.verdict(result, found) for study, found in made if study.text.replaces not in names]
@@ -105,10 +104,10 @@ def verdict(result: CompareResult) -> str:
         clear=list(filter(None, clear)),
         is_measured=any(found.measures for _, found in reported(result)),
         # Roughly known lenses may hide a difference, but make none.
-        lenses=unconfirmed_lenses(result.calibration, rough=not any(clear)),
+        lenses=result.lenses.doubt(rough=not any(clear)),
         late=late_text(result),
         rig=rig_sentence(result.rig_timing, result.timing) if result.rig_timing is not None else "",
-        guess=guess + errors,
+        guess=result.lenses.text if result.lenses.is_guess else "",
         misfit=_misfit_sentence(result),
         skipped=[
             f"{study_reports()[study.name].text.subject} ({study.skipped})"
@@ -121,8 +120,7 @@ def verdict(result: CompareResult) -> str:
 
 def _believed(result: CompareResult) -> list[tuple[type[Score], StudyResult[Any]]]:
     """Return the studies from which a verdict may be made, each with its result."""
-    unconfirmed = unconfirmed_lenses(result.calibration)
-    return [made for made in reported(result) if not (unconfirmed and made[0].needs_calibration)]
+    return [made for made in reported(result) if not (result.lenses.doubt() and made[0].needs_calibration)]
 
 
 def _misfit_sentence(result: CompareResult) -> str:

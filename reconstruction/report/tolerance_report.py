@@ -9,7 +9,6 @@ from reconstruction.method.words import StudyText
 from reconstruction.pages.page import Section, render_page, write_page
 from reconstruction.report.findings import sentences
 from reconstruction.report.report_tables import Cell, Column, Row, Table, interval_cell
-from reconstruction.scene.calibration.structure_from_motion import unconfirmed_lenses
 
 COLUMNS = {
     "mover_within_2pct": "Measured correctly",
@@ -32,8 +31,7 @@ def tolerance_view(tolerance: OffsetTolerance) -> dict[str, object]:
 def tolerance_sentence(tolerance: OffsetTolerance) -> str:
     """Return the curve's result in a few sentences; images are called synchronized only if found so."""
     best = max(tolerance.points, key=lambda point: point.value(tolerance.measure, "offset") or 0.0)
-    lenses = unconfirmed_lenses(tolerance.calibration)
-    return sentences("tolerance.txt", curve=tolerance, best=best, lenses=lenses)
+    return sentences("tolerance.txt", curve=tolerance, best=best, lenses=tolerance.lenses.doubt())
 
 
 def tolerance_heading(tolerance: OffsetTolerance) -> str:

@@ -46,7 +46,7 @@ from reconstruction.scene.calibration.stored import (
     keep_calibration,
     write_calibration,
 )
-from reconstruction.scene.calibration.structure_from_motion import GIVE_LENSES, GUESS, calibrate_from_images
+from reconstruction.scene.calibration.structure_from_motion import GIVE_LENSES, calibrate_from_images
 from reconstruction.scene.calibration.world import (
     Marks,
     World,
@@ -170,7 +170,7 @@ def calibrate(session: Path, options: CalibrateOptions) -> CalibrateResult:
     quality = judge_calibration(views, found.shared)
     if options.source in FOUND_HERE or own:
         refuse_bad_calibration(
-            quality, len(dataset.cameras), f", {GIVE_LENSES}" if GUESS in calibration.source else ""
+            quality, len(dataset.cameras), f", {GIVE_LENSES}" if calibration.known_lenses.is_guess else ""
         )
     if check is not None and not check.holds:
         raise BadInputError(

@@ -9,7 +9,7 @@ from typing import Any, Self, TypeVar, cast
 import numpy as np
 
 from capture_app.common.errors import BadInputError, NotAvailableError
-from capture_app.session.format.calibration import Calibration
+from capture_app.session.format.calibration import Calibration, LensKnowledge
 from reconstruction.common.geometry import View
 from reconstruction.scene.calibration.soundness import calibrated_views
 from reconstruction.scene.calibration.stored import choose_calibration, known_calibration
@@ -132,6 +132,11 @@ class Scene:
     def source(self) -> str:
         """Description of the calibration's source."""
         return "none" if self.problem else self.calibration.source_words
+
+    @property
+    def lenses(self) -> LensKnowledge:
+        """How well the calibration knows its focal lengths."""
+        return LensKnowledge() if self.problem else self.calibration.known_lenses
 
     @property
     def unit(self) -> str:

@@ -15,7 +15,6 @@ from reconstruction.common.geometry import Array, View
 from reconstruction.common.image_matching import track_there_and_back
 from reconstruction.common.worker_pool import computed_once
 from reconstruction.scene.calibration.consistency import fit_one_plane
-from reconstruction.scene.calibration.structure_from_motion import is_guess
 from reconstruction.scene.conditions import evenly_spaced
 from reconstruction.scene.instant_choice import choose_moving_instants
 from reconstruction.scene.moving_pixels import MIN_STILL, measure_camera_motion
@@ -213,7 +212,7 @@ class PairOffsets:
             chosen = [*chosen, *more]
             crossings = Crossings.join((crossings, cross(pair, more)))
             fit = fit_offset(crossings, still, period_ms, recorded_px)
-        if fit.offset_ms is not None and is_guess(self.scene.source):
+        if fit.offset_ms is not None and self.scene.lenses.is_doubtful:
             fit = fit.under(
                 [
                     fit_offset(cross(lenses, chosen), still_errors(lenses, *at_rest), period_ms)
@@ -229,7 +228,7 @@ class PairOffsets:
             return f"{missing[0]} has no calibration"
         if np.linalg.norm(views[first].centre - views[second].centre) == 0:
             return "both cameras are at the same place"
-        if not is_guess(self.scene.source):
+        if not self.scene.lenses.is_doubtful:
             return ""
         if self.moving((first, second)):
             return GUESSED_IN_MOTION

@@ -56,15 +56,64 @@ class CameraCalibration(Struct, frozen=True, kw_only=True, forbid_unknown_fields
         return np.array([[self.fx * sx, 0.0, cx], [0.0, self.fy * sy, cy], [0.0, 0.0, 1.0]])
 
 
+GUESS = "a guess from these pictures alone"
+LEVELS: dict[Literal["well", "roughly", "not"], str] = {
+    "roughly": "focal lengths known roughly: ",
+    "not": "focal lengths not known well enough: ",
+    "well": "focal lengths ",
+}
+"""Beginning of the text of each level; files of earlier versions have these texts in `source` alone."""
+
+
+class LensKnowledge(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """How well the images from which a calibration was estimated determine its focal lengths."""
+
+    level: Literal["well", "roughly", "not"] = "well"
+    """Roughly: depth may be off by more than 2 %; not: depth is not a measurement."""
+    why: str = ""
+    """The 95 % error of the focal lengths, or why the images do not determine them."""
+    is_guess: bool = False
+    """Whether no focal length was known before, so that all rests on these images."""
+
+    @property
+    def is_doubtful(self) -> bool:
+        """Whether the focal lengths rest on no more than points at rest."""
+        return self.is_guess or self.level == "not"
+
+    @property
+    def text(self) -> str:
+        """Describe the knowledge for people; empty if there is nothing to say."""
+        guess = GUESS if self.is_guess else ""
+        return ", ".join(filter(None, (guess, f"{LEVELS[self.level]}{self.why}" if self.why else "")))
+
+    def doubt(self, *, rough: bool = False) -> str:
+        """Return a description of focal lengths that no image confirms; empty if they are confirmed.
+
+        `rough`: also of focal lengths that are known roughly.
+        """
+        return f"{LEVELS[self.level]}{self.why}" if self.level in ("not", rough and "roughly") else ""
+
+
 class Calibration(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Cameras by name; `unit` is the unit of every translation, `source` says where it came from."""
 
     cameras: dict[str, CameraCalibration]
     unit: str = "m"
     source: str = ""
+    lenses: LensKnowledge | UnsetType = UNSET
+    """Unset if the calibration was not estimated from images here; see `known_lenses`."""
     schema_version: int = 1
 
     @property
     def source_words(self) -> str:
         """Describe the calibration's source for people; without one, it is the session's own."""
         return self.source or "the session's own"
+
+    @property
+    def known_lenses(self) -> LensKnowledge:
+        """Return `lenses`; of a file of an earlier version, from its source."""
+        if self.lenses:
+            return self.lenses
+        level, start = next(item for item in LEVELS.items() if item[1] in self.source or item[0] == "well")
+        why = self.source.partition(start)[2].partition(";")[0]
+        return LensKnowledge(level=level, why=why, is_guess=GUESS in self.source)

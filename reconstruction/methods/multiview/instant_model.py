@@ -49,7 +49,6 @@ from reconstruction.methods.multiview.sweep_matcher import ViewDepth
 from reconstruction.pages.embedding import InstantClouds, embed_image, view_clouds
 from reconstruction.pages.page import Section, render_page, write_page
 from reconstruction.scene.calibration.consistency import CalibrationCheck, turn_error
-from reconstruction.scene.calibration.structure_from_motion import no_measurement
 from reconstruction.scene.conditions import Condition
 from reconstruction.scene.scene import Scene
 
@@ -128,7 +127,7 @@ def model_instant(
     checked, confidence, ends = None, dict[str, Array](), dict[str, tuple[float, float]]()
     if options.check:
         checked = check_images(maps_found.usable)
-        if not no_measurement(scene.source):
+        if not scene.lenses.doubt(rough=True):
             confidence, ends = measure_confidence(images, sources, maps, checked, scene.scale_error)
     misfit_px = None if checked is None else checked.error_px
     views, pictures = image_views(images), image_colours(images)
@@ -165,6 +164,7 @@ def model_instant(
         matcher=options.chosen_matcher.name,
         matcher_note=options.chosen_matcher.note,
         calibration=scene.source,
+        lenses=scene.lenses,
         unit=scene.unit,
         reference=reference,
         **{name: getattr(own, name) for name in FIGURES},

@@ -2,11 +2,11 @@
 
 from msgspec import Struct, field
 
+from capture_app.session.format.calibration import LensKnowledge
 from capture_app.session.reading.take_sheet import PAIR_DEPTH
 from reconstruction.common.outputs import REPORT
 from reconstruction.method.truth import DepthShares
-from reconstruction.scene.calibration.consistency import describe_misfit, describe_turn
-from reconstruction.scene.calibration.structure_from_motion import no_measurement
+from reconstruction.scene.calibration.consistency import describe_misfit, describe_turn, no_measurement
 from reconstruction.scene.provenance import Provenance
 
 RESULT = "multiview.json"
@@ -71,6 +71,7 @@ class MultiviewResult(Provenance, frozen=True, kw_only=True):
     matcher_note: str = ""
     """Reason for the choice of matcher."""
     calibration: str
+    lenses: LensKnowledge = LensKnowledge()
     unit: str
     reference: str
     """Camera in the middle of the rig, whose image overlaps most with the others."""
@@ -108,7 +109,7 @@ class MultiviewResult(Provenance, frozen=True, kw_only=True):
     @property
     def basis(self) -> str:
         """What the depth rests on, in words: the fit of points at rest, the scale, and what that means."""
-        if warning := no_measurement(self.calibration):
+        if warning := no_measurement(self.lenses):
             return warning
         expected = self.expected_range or self.expected_within_2pct
         fit = describe_misfit(

@@ -9,6 +9,7 @@ import numpy as np
 
 from capture_app.common.errors import BadInputError
 from capture_app.console.terminal import Progress
+from capture_app.session.format.calibration import LensKnowledge
 from reconstruction.common.drawing import colour_depth, display_range, side_by_side
 from reconstruction.common.geometry import Array
 from reconstruction.common.image_files import save_picture, write_image
@@ -23,8 +24,7 @@ from reconstruction.methods.stereo.stereo_pair import (
     StereoPair,
     find_disparity_range,
 )
-from reconstruction.scene.calibration.consistency import describe_turn, turn_error
-from reconstruction.scene.calibration.structure_from_motion import no_measurement
+from reconstruction.scene.calibration.consistency import describe_turn, no_measurement, turn_error
 from reconstruction.scene.conditions import Condition, evenly_spaced
 from reconstruction.scene.instant_choice import instants_shown
 from reconstruction.scene.pairs import PairChoice
@@ -73,6 +73,7 @@ class StereoDepth(Provenance, frozen=True, kw_only=True):
     filled_within_2pct: float | None
     """Fraction of these pixels whose filled depth is right."""
     calibration: str
+    lenses: LensKnowledge = LensKnowledge()
     why: str = ""
     left_out: dict[str, str] = msgspec.field(default_factory=dict)
     """Cameras without an image of the instant, with the reason."""
@@ -85,7 +86,7 @@ class StereoDepth(Provenance, frozen=True, kw_only=True):
     def basis(self) -> str:
         """What the depth rests on, in words: lenses that are not known well, or what `turn_error` means."""
         turn = "" if self.turn_error is None else describe_turn(self.turn_error)
-        return no_measurement(self.calibration) or turn
+        return no_measurement(self.lenses) or turn
 
 
 class MadeStereo(Made[StereoDepth]):
@@ -273,5 +274,6 @@ def _save_result(scene: Scene, found: PairInstant, folder: Path) -> StereoDepth:
         within_2pct=None if judged is None else fraction_right(depth, judged),
         filled_within_2pct=None if judged is None else fraction_right(filled, judged),
         calibration=scene.source,
+        lenses=scene.lenses,
         turn_error=turn_error(scene.views[reference], scene.views[found.cameras[1]], depth),
     )

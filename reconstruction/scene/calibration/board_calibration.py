@@ -19,7 +19,7 @@ from capture_app.board.detector import Board, BoardDetector, Corners
 from capture_app.common.errors import BadInputError
 from capture_app.common.text import count
 from capture_app.console.terminal import talk
-from capture_app.session.format.calibration import Calibration
+from capture_app.session.format.calibration import Calibration, LensKnowledge
 from capture_app.session.format.lens import Lens
 from reconstruction.common.geometry import Array, View
 from reconstruction.scene.calibration.board_bundle import (
@@ -30,6 +30,7 @@ from reconstruction.scene.calibration.board_bundle import (
     adjust_bundle,
     board_pose,
 )
+from reconstruction.scene.calibration.consistency import lens_knowledge
 from reconstruction.scene.conditions import evenly_spaced
 from reconstruction.scene.dataset import Dataset
 
@@ -265,7 +266,7 @@ def calibrate_from_board(
     kind = "checkerboard" if isinstance(board, Checkerboard) else "ChArUco board"
     own = f", lenses of {', '.join(known)} from recordings of their own" if known else ""
     percent = [errors.focal_percent for name, errors in bundle.errors.items() if name not in known]
-    off = f", focal lengths off by up to {min(percent):.2g} to {max(percent):.2g} % (95 %)" if percent else ""
+    sure = lens_knowledge([one / 100 for one in percent]) if percent else LensKnowledge()
     cameras = {
         name: replace(view, seen_deg=_seen_deg(view, [at for who, at in corners.items() if who[0] == name]))
         for name, view in bundle.views.items()
@@ -273,7 +274,8 @@ def calibrate_from_board(
     calibration = Calibration(
         cameras={name: view.to_calibration() for name, view in cameras.items()},
         unit="m",
-        source=f"{kind} in {len(corners)} images of {dataset.name}{own}{off}",
+        source=f"{kind} in {len(corners)} images of {dataset.name}{own}{sure.text and ', '}{sure.text}",
+        lenses=sure,
     )
     return calibration, bundle.errors
 

@@ -4,6 +4,7 @@ A camera that turned along the line to its neighbour violates no epipolar constr
 therefore also uses points that three cameras see.
 """
 
+import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -14,6 +15,7 @@ import numpy as np
 from msgspec import Struct
 
 from capture_app.common.errors import BadInputError
+from capture_app.session.format.calibration import LensKnowledge
 from capture_app.session.format.lens import triangulate_rays
 from reconstruction.common.geometry import Array, View, angle_deg, angles_deg
 from reconstruction.common.templates import render_sentences
@@ -76,6 +78,9 @@ TYPICAL_WIDTH = 640
 """Image width below which the limit shrinks: exchanged cameras then differ by fewer pixels."""
 MAX_SUSPECTS = 12
 """Maximum number of inconsistent cameras among which exchanged pairs are searched for."""
+SURE_LENSES, ROUGH_LENSES = 0.02, 0.1
+"""Maximum relative 95 % errors of focal lengths by which depth can be said to be no better, as it is right
+within 2 %, and by which it can be judged at all."""
 
 
 class MovedCamera(Struct, frozen=True, kw_only=True):
@@ -150,6 +155,27 @@ def turn_error(first: View, second: View, depth: Array) -> float | None:
 def describe_turn(error: float) -> str:
     """Describe what depth from two cameras may be off by, unseen, as `turn_error` returns it."""
     return f"two cameras do not show a turn sideways: {TURN_PX} px of it is {100 * error:.1f} % of depth here"
+
+
+def lens_knowledge(
+    errors: Sequence[float], why: str = "too few points", *, is_guess: bool = False
+) -> LensKnowledge:
+    """Return how well focal lengths are known by their relative 95 % errors; `why`: if there are none."""
+    if errors:
+        why = f"off by up to {100 * min(errors):.2g} to {100 * max(errors):.2g} % (95 %)"
+    worst = max(errors, default=math.inf)
+    return LensKnowledge(
+        level="well" if worst <= SURE_LENSES else "roughly" if worst <= ROUGH_LENSES else "not",
+        why=why,
+        is_guess=is_guess,
+    )
+
+
+def no_measurement(lenses: LensKnowledge) -> str:
+    """Return the warning about depth by lenses that are not known well; empty if they are."""
+    what = "inaccurate" if lenses.level == "roughly" else "not a measurement"
+    doubt = f"{what}: {lenses.doubt(rough=True)}; calibrate with a board that reaches the corners"
+    return f"warning: this depth is {doubt}" if lenses.level != "well" else ""
 
 
 def check_rig(views: Mapping[str, View], features: Mapping[str, Features]) -> CalibrationCheck:

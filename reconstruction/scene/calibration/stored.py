@@ -109,15 +109,14 @@ def find_calibration(modes: Mapping[str, CameraMode]) -> StoredCalibration | Non
     A camera fits if it has the mode in which it was calibrated. Of equals, the newest calibration is
     returned. Files that cannot be read are ignored.
     """
-    shelved = [one for path in sorted(shelf().glob("*.json")) if (one := _read(path)) is not None]
     known = [
-        (sum(shelf_entry.modes.get(name) == mode for name, mode in modes.items()), shelf_entry)
-        for shelf_entry in shelved
+        (sum(entry.modes.get(name) == mode for name, mode in modes.items()), entry)
+        for path in sorted(shelf().glob("*.json"))
+        if (entry := _read(path)) is not None
     ]
-    best = max(known, key=lambda one: (one[0], one[1].created, one[1].session), default=None)
-    if best is None or best[0] < max(2, (len(modes) + 1) // 2):
+    fitting, stored = max(known, key=lambda one: (one[0], one[1].created, one[1].session), default=(0, None))
+    if stored is None or fitting < max(2, (len(modes) + 1) // 2):
         return None
-    stored = best[1]
     return msgspec.structs.replace(stored, calibration=_in_same_mode(stored.calibration, stored.modes, modes))
 
 

@@ -21,7 +21,7 @@ from reconstruction.common.geometry import View
 from reconstruction.common.image_files import FAST_PNG, write_image
 from reconstruction.common.memory import memory_budget
 from reconstruction.common.native_libraries import ForeignError
-from reconstruction.scene.calibration.consistency import fit_one_plane
+from reconstruction.scene.calibration.consistency import fit_one_plane, lens_knowledge
 from reconstruction.scene.dataset import Dataset
 from reconstruction.scene.moving_pixels import SceneMotion
 
@@ -43,14 +43,6 @@ DETOURS, MAX_CHANGE = (0.5, 1.4), 1.1
 of the reprojection error up to which what is found then is as good."""
 MIN_TO_SEPARATE_LENSES = 3
 """Minimum cameras that determine focal lengths; with two whose axes meet, any focal length fits."""
-GUESS = "a guess from these pictures alone"
-"""Text in the source of a calibration that rests on images alone."""
-SURE_LENSES, ROUGH_LENSES = 0.02, 0.1
-"""Maximum relative 95 % errors of focal lengths by which depth can be said to be no better, as it is right
-within 2 %, and by which it can be judged at all."""
-ROUGH = "focal lengths known roughly"
-UNCONFIRMED = "focal lengths not known well enough"
-"""Text in the source of a calibration whose focal lengths the images do not determine, given or not."""
 GIVE_LENSES = "or give the cameras' horizontal view: reconstruct calibrate SESSION --field-of-view DEG"
 """Hint where no lens was known."""
 FEATURE_BYTES_PER_PIXEL = 220
@@ -242,9 +234,13 @@ def _found(
         raise NotApplicableError(
             "only one camera could be placed", hint=f"the views need to overlap more{advice}"
         )
-    guess = f", {GUESS}" if advice else ""
-    flat = not held and lie_flat(rec)
-    errors = [] if held or flat else focal_errors(pycolmap, rec)
+    if held:
+        errors, why = list[float](), "these pictures do not confirm the field of view that was given"
+    elif lie_flat(rec):
+        errors, why = [], "these points lie in one plane, or far away"
+    else:
+        errors, why = focal_errors(pycolmap, rec), "too few points"
+    lenses = lens_knowledge(errors, why, is_guess=bool(advice))
     missing = ", ".join(name for name in dataset.cameras if name not in found)
     left_out = f"; not placed: {missing}" if missing else ""
     return Calibration(
@@ -252,42 +248,9 @@ def _found(
         unit="arbitrary",
         source=f"COLMAP {pycolmap.__version__}, {len(found)} of {len(dataset.cameras)} cameras from "
         f"{rec.num_points3D()} still points, {rec.compute_mean_reprojection_error():.2f} px"
-        f"{guess}{_lens_errors_text(errors, held=held, flat=flat)}{left_out}",
+        f", {lenses.text}{left_out}",
+        lenses=lenses,
     ), errors
-
-
-def _lens_errors_text(errors: Sequence[float], *, held: bool, flat: bool) -> str:
-    """Describe the uncertainty of the focal lengths; a bar if the points determine them."""
-    if errors:
-        percent = f"off by up to {100 * min(errors):.1f} to {100 * max(errors):.1f} % (95 %)"
-        if max(errors) <= SURE_LENSES:
-            return f", focal lengths {percent}"
-        return f", {ROUGH if max(errors) <= ROUGH_LENSES else UNCONFIRMED}: {percent}"
-    if held:
-        return f", {UNCONFIRMED}: these pictures do not confirm the field of view that was given"
-    return f", {UNCONFIRMED}: {'these points lie in one plane, or far away' if flat else 'too few points'}"
-
-
-def unconfirmed_lenses(source: str, *, rough: bool = False) -> str:
-    """Return what the source of a calibration says of lenses that no image confirms; empty if none is so.
-
-    `rough`: also of lenses that are known roughly.
-    """
-    doubt = ROUGH if rough and ROUGH in source else UNCONFIRMED
-    _, doubt, why = source.partition(doubt)
-    return doubt + why.partition(";")[0]
-
-
-def no_measurement(source: str) -> str:
-    """Return the warning about depth by a calibration with this source; empty if it knows its lenses."""
-    lenses = unconfirmed_lenses(source, rough=True)
-    what = "inaccurate" if lenses.startswith(ROUGH) else "not a measurement"
-    return f"warning: this depth is {what}: {lenses}; calibrate with a board" if lenses else ""
-
-
-def is_guess(source: str) -> bool:
-    """Return whether the lenses of a calibration with this source rest on no more than points at rest."""
-    return GUESS in source or UNCONFIRMED in source
 
 
 def _placed(rec: Any) -> list[Any]:

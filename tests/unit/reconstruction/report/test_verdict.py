@@ -5,6 +5,7 @@ from typing import Any
 import msgspec
 import pytest
 
+from capture_app.session.format.calibration import LEVELS, LensKnowledge
 from capture_app.session.format.common_times import NOT_SYNCHRONIZED
 from reconstruction.checks.poses.pose_study import PoseFacts
 from reconstruction.method.comparison_results import CompareResult, OffsetTolerance
@@ -12,7 +13,6 @@ from reconstruction.method.study_result import StudyResult
 from reconstruction.method.timing import SessionTiming, Timing, with_depth
 from reconstruction.report.findings import claims, verdict
 from reconstruction.report.tolerance_report import tolerance_sentence
-from reconstruction.scene.calibration.structure_from_motion import ROUGH, UNCONFIRMED
 from tests.unit.reconstruction.report.results import study
 
 
@@ -200,28 +200,27 @@ def test_what_could_not_be_made_is_said_with_its_reason() -> None:
 
 
 def test_a_calibration_from_pictures_alone_is_called_a_guess() -> None:
-    source = "COLMAP 4, 5 of 5 cameras from 90 still points, 0.40 px"
-    guess = f"{source}, a guess from these pictures alone, focal lengths off by up to 1.0 to 2.0 % (95 %)"
+    guess = LensKnowledge(why="off by up to 1.0 to 2.0 % (95 %)", is_guess=True)
     sentence = "The calibration is a guess from these pictures alone, focal lengths off by up to 1.0 to 2.0 %"
-    assert sentence in told(stereo(0.97, 0.01), calibration=guess)
-    assert "guess" not in told(stereo(0.97, 0.01), calibration=source)
+    assert sentence in told(stereo(0.97, 0.01), lenses=guess)
+    assert "guess" not in told(stereo(0.97, 0.01), lenses=msgspec.structs.replace(guess, is_guess=False))
 
 
-@pytest.mark.parametrize("guess", ["", "a guess from these pictures alone, "])
-def test_lenses_that_no_picture_confirms_give_depth_no_verdict(guess: str) -> None:
+@pytest.mark.parametrize("guess", [False, True])
+def test_lenses_that_no_picture_confirms_give_depth_no_verdict(guess: bool) -> None:
     # A sample's lenses were 30 to 79 % off by what was given, and carried "98 % against 15".
-    source = f"COLMAP 4, 0.13 px, {guess}{UNCONFIRMED}: these points lie in one plane; not placed: d"
-    sentence = f"Depth gives no verdict, with {UNCONFIRMED}: these points lie in one plane. Calibrate with"
+    lenses = LensKnowledge(level="not", why="these points lie in one plane", is_guess=guess)
+    sentence = f"Depth gives no verdict, with {LEVELS['not']}these points lie in one plane. Calibrate with"
     for late in (0.01, 0.96):
-        text = told(stereo(0.97, late), calibration=source)
+        text = told(stereo(0.97, late), lenses=lenses)
         assert text.startswith(sentence)
         assert "97" not in text
         assert "No clear difference" not in text
-    text = told(stereo(0.97, 0.01), panorama(2.0, 20.0), calibration=source)
+    text = told(stereo(0.97, 0.01), panorama(2.0, 20.0), lenses=lenses)
     assert text.startswith("In the panorama, what moves fits together to within 2.0 pixels")
     assert sentence in text
     assert "97" not in text
-    assert claims(result(stereo(0.97, 0.01), calibration=source)) == ((), "")
+    assert claims(result(stereo(0.97, 0.01), lenses=lenses)) == ((), "")
     assert claims(result(stereo(0.97, 0.01)))[0]
     curve = OffsetTolerance(
         cameras=("a", "b"),
@@ -231,14 +230,16 @@ def test_lenses_that_no_picture_confirms_give_depth_no_verdict(guess: str) -> No
         decreasing=True,
     )
     assert "97" in tolerance_sentence(curve)
-    unsure = tolerance_sentence(msgspec.structs.replace(curve, calibration=source))
+    unsure = tolerance_sentence(msgspec.structs.replace(curve, lenses=lenses))
     assert sentence in unsure
     assert "97" not in unsure
 
 
 def test_lenses_that_are_known_roughly_show_a_difference_and_exclude_none() -> None:
     # By lenses 2.6 % off, "no clear difference" was said of a sample of 96 against 2 %.
-    source = f"COLMAP 4, {ROUGH}: off by up to 2.8 to 5.3 % (95 %); not placed: d"
-    assert "97" in told(stereo(0.97, 0.01), calibration=source)
-    text = told(stereo(0.97, 0.96), calibration=source)
-    assert text.startswith(f"Depth gives no verdict, with {ROUGH}: off by up to 2.8 to 5.3 % (95 %).")
+    lenses = LensKnowledge(level="roughly", why="off by up to 2.8 to 5.3 % (95 %)")
+    assert "97" in told(stereo(0.97, 0.01), lenses=lenses)
+    text = told(stereo(0.97, 0.96), lenses=lenses)
+    assert text.startswith(
+        f"Depth gives no verdict, with {LEVELS['roughly']}off by up to 2.8 to 5.3 % (95 %)."
+    )

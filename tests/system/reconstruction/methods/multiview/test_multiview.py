@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from capture_app.console.terminal import Progress
+from capture_app.session.format.calibration import LensKnowledge
 from capture_app.session.format.manifest import CALIBRATION
 from capture_app.session.reading.reader import Session
 from reconstruction.cli import run
@@ -19,7 +20,6 @@ from reconstruction.methods.multiview.colmap_workspace import (
 )
 from reconstruction.methods.multiview.multiview_method import Multiview
 from reconstruction.scene.calibration.stored import write_calibration
-from reconstruction.scene.calibration.structure_from_motion import ROUGH, UNCONFIRMED
 from tests.unit.reconstruction.conftest import Reconstruct
 from tests.unit.reconstruction.methods.multiview.conftest import VIEWS
 from tests.unit.reconstruction.methods.multiview.test_multiview import fake
@@ -183,23 +183,22 @@ def test_depth_of_unknown_scale_is_not_compared_with_the_truth(
 @pytest.mark.parametrize(
     ("lenses", "warning"),
     [
-        (f"{UNCONFIRMED}: these points lie in one plane", "not a measurement"),
-        (f"{ROUGH}: off by up to 2.8 to 3.2 % (95 %)", "inaccurate"),
+        (LensKnowledge(level="not", why="these points lie in one plane"), "not a measurement"),
+        (LensKnowledge(level="roughly", why="off by up to 2.8 to 3.2 % (95 %)"), "inaccurate"),
     ],
 )
 def test_lenses_that_are_not_known_well_give_depth_no_confidence(
-    trio: Session, tmp_path: Path, reconstruct: Reconstruct, lenses: str, warning: str
+    trio: Session, tmp_path: Path, reconstruct: Reconstruct, lenses: LensKnowledge, warning: str
 ) -> None:
     """Of lenses known to 3.2 %, 2.5 % off, 69 % was expected within 2 % and 39 were."""
     known, session = trio.calibration(), tmp_path / "session"
     assert known is not None
     shutil.copytree(trio.folder, session)
-    source = f"COLMAP, {lenses}"
-    write_calibration(session / CALIBRATION, msgspec.structs.replace(known, source=source))
+    write_calibration(session / CALIBRATION, msgspec.structs.replace(known, lenses=lenses))
     done = reconstruct("multiview", session, "--quick", "--out", tmp_path / "out")
-    assert f"warning: this depth is {warning}: {lenses}; calibrate with a board" in done.out
+    assert f"warning: this depth is {warning}: {lenses.text}; calibrate with a board" in done.out
     assert "are expected within" not in done.out
     result = json.loads((tmp_path / "out" / "multiview.json").read_bytes())
     assert result["expected_within_2pct"] is None
     pair = reconstruct("stereo", session, "--out", tmp_path / "pair")
-    assert f"warning: this depth is {warning}: {lenses}; calibrate with a board" in pair.out
+    assert f"warning: this depth is {warning}: {lenses.text}; calibrate with a board" in pair.out

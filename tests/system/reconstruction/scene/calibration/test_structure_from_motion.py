@@ -12,8 +12,6 @@ from reconstruction.common.geometry import angle_deg, other_from_reference
 from reconstruction.scene import scene as module
 from reconstruction.scene.calibration.soundness import calibrated_views
 from reconstruction.scene.calibration.structure_from_motion import (
-    ROUGH,
-    UNCONFIRMED,
     calibrate_from_images,
 )
 from reconstruction.scene.dataset import Dataset
@@ -102,8 +100,9 @@ def test_a_camera_without_an_image_is_left_out_and_one_with_few_is_not(tmp_path:
     found = calibrate_from_images(SceneMotion(dataset, 1))
     assert list(found.cameras) == ["a", "b", "late"]
     assert "3 of 4 cameras" in found.source
-    known = f"(?:{ROUGH}|{UNCONFIRMED}): off by up to \\d.* to \\d.* % \\(95 %\\)"
-    assert re.search(f"pictures alone, {known}; not placed: none$", found.source)
+    assert re.search(r"^off by up to \d.* to \d.* % \(95 %\)$", found.known_lenses.why)
+    assert found.known_lenses.level != "well"
+    assert found.source.endswith(f"pictures alone, {found.known_lenses.doubt(rough=True)}; not placed: none")
     views_found = calibrated_views(dataset, found)
     # The two that never took a picture at one instant are placed by the third.
     for name in ("b", "late"):
@@ -132,7 +131,7 @@ def test_a_wall_is_no_obstacle_to_the_right_field_of_view() -> None:
     pytest.importorskip("pycolmap", reason="pycolmap has no package for this machine")
     session = Session.open(ROOT / "sample_sessions" / "crossing")
     found = calibrate_from_images(SceneMotion(Dataset(session), 1), field_of_view_deg=63.2)
-    assert f"{UNCONFIRMED}: these points lie in one plane" in found.source
+    assert found.known_lenses.doubt().endswith("enough: these points lie in one plane, or far away")
     true = session.calibration()
     assert true is not None
     assert found.cameras.keys() == true.cameras.keys()
@@ -145,5 +144,5 @@ def test_a_scene_with_little_depth_does_not_overrule_a_field_of_view() -> None:
     pytest.importorskip("pycolmap", reason="pycolmap has no package for this machine")
     session = Session.open(ROOT / "sample_sessions" / "crossing")
     found = calibrate_from_images(SceneMotion(Dataset(session), 1), field_of_view_deg=60.0)
-    assert UNCONFIRMED in found.source
+    assert found.known_lenses.level == "not"
     assert "the pictures say" not in found.source

@@ -15,7 +15,11 @@ from capture_app.session.reading.reader import Session
 from capture_app.session.writing.session_writer import SessionWriter
 from reconstruction.common.geometry import View
 from reconstruction.scene.calibration.board_calibration import detect_board
-from reconstruction.scene.calibration.consistency import CalibrationQuality, refuse_bad_calibration
+from reconstruction.scene.calibration.consistency import (
+    CalibrationQuality,
+    lens_knowledge,
+    refuse_bad_calibration,
+)
 from reconstruction.scene.dataset import Dataset
 from tests.unit.reconstruction.conftest import (
     HEIGHT,
@@ -79,6 +83,10 @@ def test_a_board_gives_the_rig_and_is_stored_once(tmp_path: Path, reconstruct: R
     views = [View.from_calibration(found.cameras[name], WIDTH, HEIGHT) for name in ("left", "right")]
     assert baseline(*views) == pytest.approx(baseline(VIEWS["left"], VIEWS["right"]), rel=0.05)
     assert views[0].focal == pytest.approx(VIEWS["left"].focal, rel=0.05)
+    # A board's error counts against depth as one of structure from motion does.
+    off = [errors["focal_percent"] / 100 for errors in result["errors"].values()]
+    assert found.lenses == lens_knowledge(off)
+    assert found.source.endswith(f", {lens_knowledge(off).text}")
 
     stored = (session.folder / "calibration.json").read_bytes()
     refused = reconstruct(*arguments)

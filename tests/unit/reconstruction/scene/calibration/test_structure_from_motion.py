@@ -173,24 +173,3 @@ def test_a_given_field_of_view_is_checked_against_what_the_pictures_know(
     for errors, near in (([0.2, 0.2], given), ([0.01, 0.01], {"b": given["b"]}), ([], given)):
         unsure = (calibration, errors)
         assert structure_from_motion._contradicting(unsure, near).source == "COLMAP"
-
-
-def test_only_lenses_with_an_error_are_confirmed() -> None:
-    for held, flat in ((True, False), (False, True), (False, False)):
-        source = "COLMAP 4" + structure_from_motion._lens_errors_text([], held=held, flat=flat)
-        assert structure_from_motion.unconfirmed_lenses(f"{source}; not placed: c") in source
-        assert structure_from_motion.is_guess(source)
-    known = structure_from_motion._lens_errors_text([0.01, 0.02], held=False, flat=False)
-    assert "1.0 to 2.0 %" in known
-    roughly = structure_from_motion._lens_errors_text([0.028, 0.032], held=False, flat=False)
-    assert not structure_from_motion.unconfirmed_lenses(roughly)
-    doubt = structure_from_motion.unconfirmed_lenses(roughly, rough=True)
-    assert doubt.endswith("roughly: off by up to 2.8 to 3.2 % (95 %)")
-    assert f"this depth is inaccurate: {doubt}" in structure_from_motion.no_measurement(roughly)
-    wide = structure_from_motion._lens_errors_text([0.05, 0.12], held=False, flat=False)
-    assert structure_from_motion.unconfirmed_lenses(wide).endswith(
-        "enough: off by up to 5.0 to 12.0 % (95 %)"
-    )
-    assert not structure_from_motion.unconfirmed_lenses(known)
-    assert not structure_from_motion.is_guess(known)
-    assert not structure_from_motion.no_measurement(known)

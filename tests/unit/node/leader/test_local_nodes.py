@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from capture_app.common.address import Address
-from capture_app.common.errors import CameraError
+from capture_app.common.errors import BadInputError, CameraError
 from capture_app.node.leader.local_nodes import LocalNodes
 from capture_app.protocol.log import Log
 from capture_app.trust.trust import Trust
@@ -65,3 +65,22 @@ async def test_a_node_that_ends_is_started_again_ever_later(
         assert waited_s == pytest.approx(delays_s, abs=0.1)
         assert [*nodes.specs] == ["cam0"] * is_here
     assert [line.text for line in log.after(0)].count("cam0 ended; it is started again in 1 s") == 1 + is_here
+
+
+@pytest.mark.parametrize("lives_s", [[]])
+async def test_a_camera_is_started_once_and_only_so_many(
+    started_s: list[float], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("capture_app.node.leader.local_nodes.MAX_NODES", 1)
+    async with aclosing(LocalNodes(Address("127.0.0.1", 1), tmp_path, Log(), trust=Trust.open())) as nodes:
+        name = await nodes.add_camera("replay:clip.mp4")
+        assert (
+            await nodes.add_camera("replay:clip.mp4")
+            == await nodes.add_camera("replay:clip.mp4", name)
+            == name
+        )
+        assert len(started_s) == 1
+        with pytest.raises(BadInputError, match=f"a node named {name} already exists"):
+            await nodes.add_camera("replay:other.mp4", name)
+        with pytest.raises(BadInputError, match="1 nodes already run on this machine"):
+            await nodes.add_camera("replay:other.mp4")

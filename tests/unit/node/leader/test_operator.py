@@ -16,9 +16,13 @@ from capture_app.node.leader.leader_options import LeaderOptions
 from capture_app.protocol import log as log_module
 from capture_app.protocol.log import MAX_LINES_A_NODE, Log
 from capture_app.protocol.orders import (
+    AddCamera,
     AddSimulated,
     CancelBurst,
+    EndBurst,
+    Order,
     RemoveCamera,
+    StaggerCameras,
     StopRig,
 )
 from capture_app.protocol.status import BurstStatus, LogLine, RigStatus
@@ -127,9 +131,12 @@ async def test_a_leader_takes_another_port_where_it_may(leader: LeaderNode, tmp_
         await ask_status(other.own_address)
 
 
-async def test_a_leader_without_a_spool_starts_no_cameras(leader: LeaderNode) -> None:
+@pytest.mark.parametrize(
+    "order", [AddSimulated(cameras=2), AddCamera(spec="sim")], ids=["simulated", "camera"]
+)
+async def test_a_leader_without_a_spool_starts_no_cameras(leader: LeaderNode, order: Order) -> None:
     with pytest.raises(NotAvailableError, match="runs no cameras"):
-        await give_order(leader.own_address, AddSimulated(cameras=2))
+        await give_order(leader.own_address, order)
 
 
 async def test_simulated_cameras_that_cannot_start_say_why(tmp_path: Path) -> None:
@@ -158,6 +165,10 @@ async def test_orders_about_what_is_not_there_say_so(leader: LeaderNode) -> None
     link = RigLink(leader.own_address)
     with pytest.raises(BadInputError, match="burst 7 is not under way"):
         await link.order(CancelBurst(burst=7))
+    with pytest.raises(BadInputError, match="burst 7 is not a recording under way"):
+        await link.order(EndBurst(burst=7))
+    with pytest.raises(BadInputError, match="sideways"):
+        await link.order(StaggerCameras(order="sideways"))
     with pytest.raises(BadInputError, match="no node named never-joined"):
         await give_order(leader.own_address, RemoveCamera(name="never-joined"))
 

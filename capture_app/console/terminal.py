@@ -6,6 +6,7 @@ import math
 import os
 import stat
 import sys
+import threading
 import traceback
 from collections.abc import Callable, Iterable, Sequence
 from datetime import UTC, datetime
@@ -134,6 +135,9 @@ def _is_number(cell: str) -> bool:
     return cell in ("-", "–") or cell.lstrip("+-").replace(".", "", 1).isdecimal()
 
 
+_STEPPING = threading.Lock()
+
+
 class Progress:
     """Progress of a command on stderr: a bar on a terminal, else a line `[3/9] what` for each step."""
 
@@ -146,11 +150,12 @@ class Progress:
         self.silent = silent
 
     def step(self, text: str) -> None:
-        """Show the next step."""
-        self.done += 1
-        self.total = max(self.total, self.done)
-        if not self.silent:
-            show_progress(ProgressStep(self.done, self.total, text))
+        """Show the next step; from any thread."""
+        with _STEPPING:
+            self.done += 1
+            self.total = max(self.total, self.done)
+            if not self.silent:
+                show_progress(ProgressStep(self.done, self.total, text))
 
     def last(self, text: str) -> None:
         """Show the last step as the last of all, also if others were skipped."""

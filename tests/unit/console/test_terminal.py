@@ -5,11 +5,15 @@ import os
 import pty
 import subprocess
 import sys
+import time
+from concurrent.futures import ThreadPoolExecutor
 
 import click
 import pytest
 
 from capture_app.common.errors import BadInputError, ExitCode
+from capture_app.common.text import ProgressStep
+from capture_app.console import terminal
 from capture_app.console.terminal import (
     FiniteRange,
     Progress,
@@ -107,6 +111,20 @@ def test_progress_in_a_file_is_a_line_each_step(capsys: pytest.CaptureFixture[st
     for done in range(1, 1001):
         show(done, 1000)
     assert len(capsys.readouterr().err.splitlines()) == 10
+
+
+def test_steps_of_several_threads_are_shown_in_their_order(monkeypatch: pytest.MonkeyPatch) -> None:
+    shown = list[int]()
+
+    def show(step: ProgressStep) -> None:
+        time.sleep(0.005 if step.done % 2 else 0)
+        shown.append(step.done)
+
+    monkeypatch.setattr(terminal, "show_progress", show)
+    progress = Progress(8)
+    with ThreadPoolExecutor(4) as threads:
+        list(threads.map(progress.step, "abcdefgh"))
+    assert shown == [*range(1, 9)]
 
 
 def test_progress_on_a_terminal_is_a_bar_that_goes_before_the_result() -> None:

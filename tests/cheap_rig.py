@@ -21,9 +21,9 @@ from capture_app.session.reading.array_access import OpenSession, open_session
 from tests.waiting import until
 
 
-async def start_leader(sessions: Path, **options: Any) -> LeaderNode:
-    """Start a leader of this machine alone, on any port, until the end of `async with`."""
-    return await LeaderNode.start(LeaderOptions(sessions=sessions, host="127.0.0.1", port=0, **options))
+async def start_leader(sessions: Path, *, port: int = 0, **options: Any) -> LeaderNode:
+    """Start a leader of this machine alone, on any free port or this one, until the end of `async with`."""
+    return await LeaderNode.start(LeaderOptions(sessions=sessions, host="127.0.0.1", port=port, **options))
 
 
 @contextlib.asynccontextmanager

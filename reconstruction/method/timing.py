@@ -316,9 +316,10 @@ def without_common_times(timing: Timing, problem: str) -> Timing:
 
     Agreement by motion near the recorded times does not exclude another offset that fits as well.
     """
+    if not problem or (not timing.synchronized and timing.same_frame_ms is None):
+        return timing
     reason = f"the recording is {problem.partition(':')[0]}, and reconstruct time --apply has not aligned it"
-    certain = timing.synchronized or timing.same_frame_ms is not None
-    return _denied(timing, reason) if problem and certain else timing
+    return _denied(timing, reason)
 
 
 def with_repeats(
@@ -337,9 +338,10 @@ def with_repeats(
 
 def with_planned_delay(timing: Timing, planned_ms: float) -> Timing:
     """Return the judgement of cameras that are staggered by `planned_ms`; unless 0, never synchronized."""
+    if not planned_ms:
+        return timing
     reason = timing.reason or f"{timing.other} is staggered by {planned_ms:.2f} ms on purpose"
-    staggered = structs.replace(_denied(timing, reason), planned_ms=planned_ms, shift_ms=None)
-    return staggered if planned_ms else timing
+    return structs.replace(_denied(timing, reason), planned_ms=planned_ms, shift_ms=None)
 
 
 def with_depth_runs(timing: Timing, peaks_ms: Mapping[int, float], spacing_ms: float) -> Timing:

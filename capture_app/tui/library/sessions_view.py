@@ -346,11 +346,11 @@ class SessionsView(ModeView):
         """Clear the filter, or leave the whole view of a session."""
         if self.has_class("-whole"):
             self._look_whole(False)
-        else:
-            self._find.value = ""
-            self._find.display = False
-            self._rows.focus()
-            self._show()
+            return
+        self._find.value = ""
+        self._find.display = False
+        self._rows.focus()
+        self._show()
 
     # Starting commands
 

@@ -6,22 +6,16 @@ from pathlib import Path
 
 import pytest
 
-from capture_app.node.leader.leader_node import LeaderNode
-from capture_app.node.leader.leader_options import LeaderOptions
 from capture_app.protocol.status import LogLine, Preview, RigStatus
 from capture_app.rig.rig_link import LinkLost, RigLink, Update
-from tests.cheap_rig import cheap_cameras
+from tests.cheap_rig import cheap_cameras, start_leader
 from tests.waiting import time_limit, until
 
 pytestmark = pytest.mark.virtual
 
 
-async def start(sessions: Path, port: int = 0) -> LeaderNode:
-    return await LeaderNode.start(LeaderOptions(sessions=sessions, host="127.0.0.1", port=port))
-
-
 async def test_a_link_that_is_lost_opens_again_with_its_previews(tmp_path: Path, open_rig: None) -> None:
-    leader = await start(tmp_path)
+    leader = await start_leader(tmp_path)
     link = RigLink(leader.own_address)
     told = list[Update]()
 
@@ -47,7 +41,7 @@ async def test_a_link_that_is_lost_opens_again_with_its_previews(tmp_path: Path,
         assert [one.reason for one in told if isinstance(one, LinkLost)][1:] == []
         assert f"capture-app rig start --port {port}" in str(of(LinkLost)[0])
         del told[:]
-        async with await start(tmp_path, port):
+        async with await start_leader(tmp_path, port=port):
             # Nobody asks again.
             await until(lambda: len(of(Preview)) > 3)
             assert of(RigStatus)

@@ -12,7 +12,6 @@ import pytest
 from capture_app.common.address import Address
 from capture_app.common.errors import BadInputError, NetworkError, NotAvailableError, SimulshotError
 from capture_app.node.leader.leader_node import LeaderNode
-from capture_app.node.leader.leader_options import LeaderOptions
 from capture_app.protocol import log as log_module
 from capture_app.protocol.log import MAX_LINES_A_NODE, Log
 from capture_app.protocol.orders import (
@@ -29,17 +28,14 @@ from capture_app.protocol.status import BurstStatus, LogLine, RigStatus
 from capture_app.rig.rig_link import LinkLost, RigLink, Update, ask_status, give_order
 from capture_app.sync.rig.events import NodeChanged, TriggerAnswered
 from capture_app.sync.timekeeping.rates import HostOffRate
+from tests.cheap_rig import start_leader
 
 TIMEOUT_S = 60.0
 
 
-async def leader_at(sessions: Path, port: int = 0, spool: Path | None = None) -> LeaderNode:
-    return await LeaderNode.start(LeaderOptions(sessions=sessions, host="127.0.0.1", port=port, spool=spool))
-
-
 @pytest.fixture
 async def leader(tmp_path: Path) -> AsyncIterator[LeaderNode]:
-    async with await leader_at(tmp_path / "sessions") as node:
+    async with await start_leader(tmp_path / "sessions") as node:
         yield node
 
 
@@ -83,7 +79,7 @@ async def test_a_session_that_was_renamed_is_not_named_any_more(leader: LeaderNo
 async def test_a_lost_leader_is_told_and_its_successor_is_shown_without_telling_news_twice(
     tmp_path: Path,
 ) -> None:
-    first = await leader_at(tmp_path / "sessions")
+    first = await start_leader(tmp_path / "sessions")
     first.log.add("of the first run")
     link = RigLink(first.own_address)
     updates = link.updates()
@@ -94,7 +90,7 @@ async def test_a_lost_leader_is_told_and_its_successor_is_shown_without_telling_
     assert "closed the connection" in lost.reason
     port, folder = first.own_address.port, (tmp_path / "sessions").absolute()
     assert lost.reason.endswith(f": capture-app rig start --port {port} --sessions {folder}")
-    async with await leader_at(tmp_path / "sessions", first.own_address.port) as second:
+    async with await start_leader(tmp_path / "sessions", port=first.own_address.port) as second:
         await next_of(updates, lambda update: isinstance(update, RigStatus))
         second.log.add("of the second run")
         line = await next_of(updates, lambda update: isinstance(update, LogLine))
@@ -104,13 +100,13 @@ async def test_a_lost_leader_is_told_and_its_successor_is_shown_without_telling_
 
 
 async def test_a_leader_that_is_not_there_is_told_once_and_waited_for(tmp_path: Path) -> None:
-    async with await leader_at(tmp_path / "sessions") as gone:
+    async with await start_leader(tmp_path / "sessions") as gone:
         address = gone.own_address
     updates = RigLink(address).updates()
     assert isinstance(await next_of(updates, lambda _: True), LinkLost)
     coming = asyncio.ensure_future(next_of(updates, lambda _: True))
     await asyncio.sleep(0.3)
-    async with await leader_at(tmp_path / "sessions", address.port):
+    async with await start_leader(tmp_path / "sessions", port=address.port):
         assert isinstance(await coming, RigStatus)
         await updates.aclose()
 
@@ -123,10 +119,8 @@ async def test_a_port_without_a_leader_is_an_error_for_one_request() -> None:
 async def test_a_leader_takes_another_port_where_it_may(leader: LeaderNode, tmp_path: Path) -> None:
     taken = leader.own_address.port
     with pytest.raises(NetworkError, match="cannot listen on"):
-        await leader_at(tmp_path / "other", taken)
-    async with await LeaderNode.start(
-        LeaderOptions(sessions=tmp_path / "other", host="127.0.0.1", port=taken, or_free_port=True)
-    ) as other:
+        await start_leader(tmp_path / "other", port=taken)
+    async with await start_leader(tmp_path / "other", port=taken, or_free_port=True) as other:
         assert other.own_address.port not in (0, taken)
         await ask_status(other.own_address)
 
@@ -141,13 +135,13 @@ async def test_a_leader_without_a_spool_starts_no_cameras(leader: LeaderNode, or
 
 async def test_simulated_cameras_that_cannot_start_say_why(tmp_path: Path) -> None:
     (tmp_path / "spool").write_text("a file")
-    async with await leader_at(tmp_path / "sessions", spool=tmp_path / "spool") as leader:
+    async with await start_leader(tmp_path / "sessions", spool=tmp_path / "spool") as leader:
         with pytest.raises(SimulshotError, match="spool' is a file"):
             await give_order(leader.own_address, AddSimulated(cameras=2, scene="bars"))
 
 
 async def test_a_scene_has_so_many_views(tmp_path: Path) -> None:
-    async with await leader_at(tmp_path / "sessions", spool=tmp_path / "spool") as leader:
+    async with await start_leader(tmp_path / "sessions", spool=tmp_path / "spool") as leader:
         for cameras, scene in ((8, "studio"), (0, "bars"), (65, "bars")):
             with pytest.raises(BadInputError, match="further simulated cameras"):
                 await give_order(leader.own_address, AddSimulated(cameras=cameras, scene=scene))

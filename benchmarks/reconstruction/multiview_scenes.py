@@ -8,7 +8,7 @@ import numpy as np
 
 from benchmarks.reconstruction import blank_scenes
 from capture_app.plugins.cameras.sim.rendering.scene import Scene, load
-from reconstruction.common.geometry import Array, View
+from reconstruction.common.geometry import Array, View, look_along
 from reconstruction.common.native_libraries import load_open3d
 
 OFFSETS_MS = (66, -33, 0, 33, -66)
@@ -85,9 +85,7 @@ def plain(width: int = 640, height: int = 480) -> Rendered:
     for number, (x, y) in enumerate(PLACES):
         ahead = np.array([0.2 * x, 0.15, 3.2]) - (x, y, 0)
         ahead /= np.linalg.norm(ahead)
-        right = np.cross([0, 1.0, 0], ahead)
-        right /= np.linalg.norm(right)
-        turn = np.stack([right, np.cross(ahead, right), ahead])
+        turn = look_along(ahead, np.array([0.0, 1.0, 0.0]))
         views[f"cam{number}"] = replace(base, rotation=turn, translation=-turn @ np.array([x, y, 0]))
     still = _still_things(o3d)
 

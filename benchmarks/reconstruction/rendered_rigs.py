@@ -19,7 +19,7 @@ from capture_app.plugins.cameras.sim.rendering.layers import View as RenderedVie
 from capture_app.plugins.cameras.sim.rendering.raycast import LINEAR, Body, Texture
 from capture_app.plugins.cameras.sim.rendering.scene import develop
 from capture_app.plugins.cameras.sim.scenes.moving_bodies import rotation
-from reconstruction.common.geometry import Array, View
+from reconstruction.common.geometry import Array, View, look_along
 from reconstruction.common.native_libraries import load_open3d
 
 AIM = np.array([0.0, -0.28, 0.0])
@@ -155,10 +155,8 @@ def place_view(name: str, placed: Placed, scale: float) -> RenderedView:
     """Return the renderer's camera at a place, with images of its size times `scale`."""
     round_, up = np.radians([placed.round_deg, placed.up_deg])
     ahead = np.array([np.sin(round_) * np.cos(up), np.sin(up), np.cos(round_) * np.cos(up)])
-    right = np.cross([0.0, 1.0, 0.0], ahead)
-    right /= np.linalg.norm(right)
-    rotation = np.stack([right, np.cross(ahead, right), ahead])
-    centre = AIM - placed.away_m * ahead + placed.aside_m * right
+    rotation = look_along(ahead, np.array([0.0, 1.0, 0.0]))
+    centre = AIM - placed.away_m * ahead + placed.aside_m * rotation[0]
     rotation = cv2.Rodrigues(np.array([0, 0, np.radians(placed.roll_deg)]))[0] @ rotation
     width, height = (round(side * scale) for side in placed.size)
     return RenderedView(name, width, height, placed.focal_px * scale, rotation, -rotation @ centre)

@@ -22,7 +22,7 @@ from benchmarks.reconstruction.painted_scenes import FOCAL, HEIGHT, WIDTH, Stage
 from benchmarks.reconstruction.verdict_takes import PERIOD_MS, add_image, finish
 from benchmarks.report import new_parser, print_rows, talk
 from capture_app.session.writing.session_writer import SessionWriter
-from reconstruction.common.geometry import Array, View
+from reconstruction.common.geometry import Array, View, look_along
 from reconstruction.compare.comparison import CompareOptions, compare
 from reconstruction.method.comparison_results import CompareResult
 from reconstruction.method.timing import Timing
@@ -75,9 +75,7 @@ def views_of(cameras: int) -> dict[str, View]:
     for k in range(cameras):
         x, y = 0.22 * (k - (cameras - 1) / 2), -0.08 * (k % 2)
         ahead = np.array([-x, -y, 3.5]) / np.linalg.norm([x, y, 3.5])
-        right = np.cross([0.0, 1.0, 0.0], ahead)
-        right /= np.linalg.norm(right)
-        rotation = np.stack([right, np.cross(ahead, right), ahead])
+        rotation = look_along(ahead, np.array([0.0, 1.0, 0.0]))
         place = np.array([x, y, 0.0])
         views[f"cam{k}"] = View(WIDTH, HEIGHT, matrix, np.zeros(5), rotation, -rotation @ place)
     return views

@@ -16,16 +16,13 @@ from capture_app.protocol.orders import (
 )
 from capture_app.protocol.status import RigStatus
 from capture_app.rig.rig_link import RigLink, Update, ask_status
-from tests.unit.node.leader.test_operator import (
-    leader,  # noqa: F401 - a fixture  # noqa: F401 - a fixture
-    leader_at,
-    next_of,
-)
+from tests.cheap_rig import start_leader
+from tests.unit.node.leader.test_operator import leader, next_of  # noqa: F401 - a fixture
 from tests.waiting import time_limit, until
 
 
 async def test_cameras_of_the_leaders_machine_come_and_go_by_order(tmp_path: Path) -> None:
-    async with await leader_at(tmp_path / "sessions", spool=tmp_path / "spool") as leader:
+    async with await start_leader(tmp_path / "sessions", spool=tmp_path / "spool") as leader:
         link = RigLink(leader.own_address)
         updates = link.updates()
         await link.order(AddCamera(spec="sim:webcam,scale=0.1", name="desk"))
@@ -52,7 +49,7 @@ async def test_cameras_of_the_leaders_machine_come_and_go_by_order(tmp_path: Pat
 async def test_two_rigs_have_simulated_cameras_of_the_same_names(tmp_path: Path) -> None:
     async with contextlib.AsyncExitStack() as stack:
         for sessions in ("one", "two"):
-            leader = await stack.enter_async_context(await leader_at(tmp_path / sessions))
+            leader = await stack.enter_async_context(await start_leader(tmp_path / sessions))
             nodes = LocalNodes(leader.own_address, tmp_path / "spool", leader.log)
             await stack.enter_async_context(aclosing(nodes))
             assert await nodes.add_simulated(AddSimulated(cameras=1, scene="bars")) == ("cam00",)
@@ -65,7 +62,7 @@ async def test_a_camera_that_is_being_ended_is_ended_once_and_keeps_its_name(
     tmp_path: Path,
 ) -> None:
     async with (
-        await leader_at(tmp_path / "sessions") as leader,
+        await start_leader(tmp_path / "sessions") as leader,
         aclosing(LocalNodes(leader.own_address, tmp_path / "spool")) as nodes,
     ):
         await nodes.add_camera("sim:webcam,scale=0.1", "desk")
@@ -80,7 +77,7 @@ async def test_a_camera_that_is_being_ended_is_ended_once_and_keeps_its_name(
 
 async def test_a_camera_whose_process_dies_is_started_again_unless_it_is_removed(tmp_path: Path) -> None:
     async with (
-        await leader_at(tmp_path / "sessions") as leader,
+        await start_leader(tmp_path / "sessions") as leader,
         aclosing(LocalNodes(leader.own_address, tmp_path / "spool", leader.log)) as nodes,
     ):
         await nodes.add_camera("sim:webcam,scale=0.1", "desk")
@@ -100,7 +97,7 @@ async def test_a_camera_whose_process_dies_is_started_again_unless_it_is_removed
 
 async def test_a_camera_that_does_not_open_is_not_started_again(tmp_path: Path) -> None:
     async with (
-        await leader_at(tmp_path / "sessions") as leader,
+        await start_leader(tmp_path / "sessions") as leader,
         aclosing(LocalNodes(leader.own_address, tmp_path / "spool", leader.log)) as nodes,
     ):
         with pytest.raises(SimulshotError):

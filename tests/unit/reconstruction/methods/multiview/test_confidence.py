@@ -133,7 +133,7 @@ def test_turns_cancel_in_the_middle_of_a_row_not_at_its_end() -> None:
     for at in (0, 2):
         ways = places - at
         errors = (shifts - shifts[:, [at]]) @ ways / (ways**2).sum() * np.abs(ways).max()
-        assert np.median(row[at].turn_gain[INNER]) == pytest.approx(errors.std(), rel=0.05)
+        assert np.median(np.asarray(row[at].turn_gain)[INNER]) == pytest.approx(errors.std(), rel=0.05)
 
 
 def test_confidence_falls_with_the_misfit_and_rises_with_the_baseline() -> None:

@@ -396,7 +396,7 @@ def fit_offset(
     offset_ms = float(fit.values[0])
     # Where motion turns, a point crosses its line twice, and only at the wrong time fast.
     slower = crossings.only(np.abs(crossings.across_px_per_ms) * period_ms > MIN_ACROSS_PX / 2)
-    own = _votes(slower.later(-change.at_ms(slower.instant, period_ms)).by(fit.geometry))
+    slower = slower.later(-change.at_ms(slower.instant, period_ms)).by(fit.geometry)
     return OffsetFit(
         offset_ms=offset_ms,
         sd_ms=float(np.hypot(max(fit.sd_ms, _drift_sd_ms(instants)), SYSTEMATIC_MS)),
@@ -404,8 +404,8 @@ def fit_offset(
         votes=best,
         misfit_px=recorded_px if recorded_px > MAX_AT_REST_PX else None,
         change=change,
-        disagreeing=own.disagreeing(offset_ms, period_ms),
-        glitches_ms=_glitches_ms(moving.by(fit.geometry), offset_ms, period_ms),
+        disagreeing=_votes(slower).disagreeing(offset_ms, period_ms),
+        glitches_ms=_glitches_ms(slower, offset_ms, period_ms, change),
     )
 
 
@@ -414,21 +414,25 @@ def _votes(seen: Crossings) -> Votes:
 
 
 def _glitches_ms(
-    seen: Crossings, offset_ms: float, period_ms: float
+    seen: Crossings, offset_ms: float, period_ms: float, change: Change
 ) -> tuple[dict[int, float], dict[int, float]]:
-    """Return how much later single images of A and of B are than the offset says.
+    """Return how much later single images of A and of B are than the offset says, but beside its steps.
 
-    An image's own points vote for its time, on the other camera's paths.
+    An image's own points vote for its time, on the other camera's paths. An object counts as one of them:
+    where motion turns, what is left of it may be matched with another, and no second point contradicts that.
     """
+    seen = replace(seen, counts=np.minimum(seen.counts, 1.0))
     of_b = seen.in_second >= 0
     in_b = seen.only(of_b)
     votes = [_votes(seen.only(~of_b)), _votes(replace(in_b, instant=in_b.in_second))]
     first, second = (vote.apart_ms(offset_ms, period_ms, GLITCH_FRAMES, GLITCH_VOTES) for vote in votes)
     limit_ms = MAX_GLITCH_FRAMES * period_ms
-    return (
-        {k: -ms for k, ms in first.items() if abs(ms) < limit_ms},
-        {k: ms for k, ms in second.items() if abs(ms) < limit_ms},
+    # A path over a gap tells no time there.
+    beside = {k for step in change.steps for k in range(step.earliest - 1, step.latest + 1)}
+    near, late = (
+        {k: ms for k, ms in its.items() if abs(ms) < limit_ms and k not in beside} for its in (first, second)
     )
+    return {k: -ms for k, ms in near.items()}, late
 
 
 def fit_slope(instants: Sequence[InstantOffset]) -> tuple[float, float, float]:

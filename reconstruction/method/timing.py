@@ -228,7 +228,7 @@ def judge_timing(
             offset=True,
             reason=fit.change.describe(other, reference),
         )
-    odd = len(fit.odd_ms(limit_ms))
+    odd_ms = fit.odd_ms(limit_ms)
     possible_ms = SIGMAS * _max_jitter_ms(instants, late)
     jitter_ms, drifts = fit.jitter_ms(spacing_ms), scatter_ms(instants, spacing_ms)[1]
     if drifts:
@@ -245,7 +245,7 @@ def judge_timing(
         "their epipolar lines; check it with a board": fit.misfit_px is not None,
         f"the offset changes over the take, to {end_ms:+.1f} ms": abs(end_ms) > limit_ms,
         "the error of the measured offset is more than a tenth of a frame": SIGMAS * sd > limit_ms,
-        f"{odd} of {len(instants)} instants disagree with the others": odd > 0,
+        f"{len(odd_ms)} of {len(instants)} instants disagree with the others": bool(odd_ms),
         f"instant {listed} disagrees with the others": len(unknown.disagreeing) == 1,
         f"instants {listed} disagree with the others": len(unknown.disagreeing) > 1,
         f"single images may be off by up to {possible_ms:.1f} ms": possible_ms > limit_ms,
@@ -258,7 +258,8 @@ def judge_timing(
         abs(instant.late_ms) - ODD_SIGMAS * instant.sd_ms < spacing_ms / 2 for instant in instants
     )
     # If measured images disagree, others may be farther off.
-    same &= not unknown.disagreeing and (not odd or is_same_instant(possible_ms, spacing_ms))
+    same &= not unknown.disagreeing and (not odd_ms or is_same_instant(possible_ms, spacing_ms))
+    far_ms = [possible_ms, *(abs(late + ms) for ms in odd_ms.values())] if odd_ms else []
     denied = offset or jitter_ms is not None
     return structs.replace(
         unknown,
@@ -267,7 +268,7 @@ def judge_timing(
         uncertainty_ms=SIGMAS * sd,
         offset=denied,
         jitter_ms=jitter_ms,
-        same_frame_ms=abs(late) + SIGMAS * sd if same and not denied else None,
+        same_frame_ms=max([abs(late) + SIGMAS * sd, *far_ms]) if same and not denied else None,
         reason=reason,
         shift_ms=round(late - apart_ms, 2) if offset and round(late / spacing_ms) else None,
     )

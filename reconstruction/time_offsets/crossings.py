@@ -71,7 +71,7 @@ ROUNDS = 20
 ODD_INSTANT_SIGMAS = 4.0
 """Standard deviations from which one of some twenty instants disagrees with the take."""
 MAX_GLITCH_SPEED = 3.0
-"""Maximum ratio of the speed of an odd image's points to that of the fastest that agree; a frame late is 2."""
+"""Maximum ratio of an odd image's speed of points to that of the fastest that agree; a frame late is 2."""
 MIN_JITTER = 3.0
 """Minimum ratio of the instants' scatter to their errors from which single images are called offset."""
 MIN_JITTER_INSTANTS = 5
@@ -398,7 +398,7 @@ def fit_offset(
     offset_ms = float(fit.values[0])
     # Where motion turns, a point crosses its line twice, and only at the wrong time fast.
     slower = crossings.only(np.abs(crossings.across_px_per_ms) * period_ms > MIN_ACROSS_PX / 2)
-    slower = slower.later(-change.at_ms(slower.instant, period_ms)).by(fit.geometry)
+    own = _votes(slower.later(-change.at_ms(slower.instant, period_ms)).by(fit.geometry))
     return OffsetFit(
         offset_ms=offset_ms,
         sd_ms=float(np.hypot(max(fit.sd_ms, _drift_sd_ms(instants)), SYSTEMATIC_MS)),
@@ -406,8 +406,8 @@ def fit_offset(
         votes=best,
         misfit_px=recorded_px if recorded_px > MAX_AT_REST_PX else None,
         change=change,
-        disagreeing=_votes(slower).disagreeing(offset_ms, period_ms),
-        glitches_ms=_glitches_ms(slower, offset_ms, period_ms, change),
+        disagreeing=own.disagreeing(offset_ms, period_ms),
+        glitches_ms=_glitches_ms(moving.by(fit.geometry), offset_ms, period_ms, change),
     )
 
 

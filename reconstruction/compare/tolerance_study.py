@@ -260,8 +260,8 @@ def measure_curve(
     points, measure = with_zero(compared), curve_measure(compared)
     instants = instant_curves(points, measure)
     of_instants = {moment.instant: moment.peak_ms for moment in instants if moment.peak_ms is not None}
-    peaks, spacing_ms = [*of_instants.values()], min(abs(step.actual_ms) for step in steps)
-    judged = with_curve_peak(with_depth_runs(timing, of_instants, spacing_ms), peaks, spacing_ms)
+    spacing_ms = min(abs(step.actual_ms) for step in steps)
+    judged = with_curve_peak(with_depth_runs(timing, of_instants, spacing_ms), of_instants, spacing_ms)
     if timing.late_ms is None:
         judged = structs.replace(judged, tried_ms=max(abs(step.actual_ms) for step in steps))
     judged = with_depth(judged, next(point for point in points if not point.late_ms))
@@ -277,7 +277,7 @@ def measure_curve(
         instants=len(nows),
         decreasing=is_decreasing(points, measure),
         timing=judged,
-        peak_ms=float(np.median(peaks)) if peaks else None,
+        peak_ms=float(np.median([*of_instants.values()])) if of_instants else None,
         per_instant=instants,
         tolerable_offset_ms=tolerable_offset_ms(points, measure, speed) if is_known else None,
         speed_px_per_ms=speed,

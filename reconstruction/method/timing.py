@@ -387,20 +387,23 @@ def _paired(later_ms: float) -> str:
     return f"with the second picture {later_ms:+.0f} ms later" if later_ms else "as recorded"
 
 
-def with_curve_peak(timing: Timing, peaks_ms: Sequence[float], spacing_ms: float) -> Timing:
+def with_curve_peak(timing: Timing, peaks_ms: Mapping[int, float], spacing_ms: float) -> Timing:
     """Return the judgement combined with the offset, in whole frames, at which most depth is found.
 
-    `peaks_ms` holds the offset of each instant whose own curve has a clear maximum. If these agree, the
-    offset is known to a frame. That overrides a contrary certificate, and it is the result if motion is
-    inconclusive.
+    `peaks_ms` holds the offset of each instant whose own curve has a clear maximum, in order. If these agree,
+    the offset is known to a frame. That overrides a contrary certificate, and it is the result if motion is
+    inconclusive; but it is no common frame if much moves before or after these instants.
     """
-    peak_ms = min(multimode(peaks_ms), default=0.0)
-    agreed = len(peaks_ms) >= MIN_INSTANTS and peaks_ms.count(peak_ms) >= AGREED_FRACTION * len(peaks_ms)
+    offsets_ms = [*peaks_ms.values()]
+    peak_ms = min(multimode(offsets_ms), default=0.0)
+    agreed = len(peaks_ms) >= MIN_INSTANTS and offsets_ms.count(peak_ms) >= AGREED_FRACTION * len(peaks_ms)
     if timing.misfit_px is not None or not agreed or timing.disagreeing:
         return timing
     known = timing.late_ms is not None and timing.uncertainty_ms is not None
     max_ms = abs(timing.late_ms or 0.0) + (timing.uncertainty_ms or 0.0) if known else spacing_ms
     if is_same_instant(peak_ms, spacing_ms):
+        if timing.same_frame_ms is None and not timing.synchronized and _moves_beside(timing, [*peaks_ms]):
+            return timing
         return structs.replace(timing, same_frame_ms=None if timing.offset else min(max_ms, spacing_ms / 2))
     if timing.synchronized or timing.same_frame_ms is not None:
         return _denied(timing, f"depth is found best {_paired(peak_ms)}")
@@ -414,6 +417,14 @@ def with_curve_peak(timing: Timing, peaks_ms: Sequence[float], spacing_ms: float
         offset=True,
         shift_ms=round(-peak_ms, 2),
     )
+
+
+def _moves_beside(timing: Timing, instants: Sequence[int]) -> bool:
+    """Return whether much moves before or after these instants, farther from them than they are apart."""
+    apart = max(b - a for a, b in pairwise(instants))
+    moving = {*timing.images.unvoted, *(one.instant for one in timing.instants)}
+    beside = [k for k in moving if not instants[0] - apart < k < instants[-1] + apart]
+    return len(beside) > MAX_UNSEEN * len(moving)
 
 
 def with_depth(timing: Timing, depth: StudyResult[Any]) -> Timing:

@@ -229,7 +229,7 @@ def test_a_slow_drift_whose_ends_are_off_is_not_certified() -> None:
 
 def test_a_calibration_that_does_not_fit_leaves_nothing_to_depth() -> None:
     found = judge_timing(PAIR, OffsetFit(reason="it does not fit", misfit_px=12.8), 0.0, FRAME_MS)
-    assert with_curve_peak(found, [33.3] * 8, FRAME_MS) == found
+    assert with_curve_peak(found, dict.fromkeys(range(8), 33.3), FRAME_MS) == found
 
 
 @pytest.mark.parametrize(("offset_ms", "verdict"), [(0.2, "of the same frame"), (16.7, "not synchronized")])
@@ -244,15 +244,15 @@ def test_a_calibration_that_had_to_be_corrected_is_named_and_certifies_nothing(
     text = timing_sentences(found)
     assert verdict in text
     assert "points at rest are 12.8 pixels off their epipolar lines" in text
-    assert with_curve_peak(found, [33.3] * 8, FRAME_MS) == found
+    assert with_curve_peak(found, dict.fromkeys(range(8), 33.3), FRAME_MS) == found
 
 
 def test_a_curve_that_is_highest_elsewhere_takes_the_certificate_away() -> None:
     sure, unknown = judged(0.1, 0.3), judge_timing(PAIR, OffsetFit(reason="why"), 0.0, FRAME_MS)
-    assert with_curve_peak(sure, [0.0] * 8, FRAME_MS).synchronized
-    assert not with_curve_peak(sure, [FRAME_MS] * 8, FRAME_MS).synchronized
-    assert not with_curve_peak(unknown, [0.0] * 8, FRAME_MS).synchronized
-    by_depth = with_curve_peak(unknown, [-FRAME_MS] * 8, FRAME_MS)
+    assert with_curve_peak(sure, dict.fromkeys(range(8), 0.0), FRAME_MS).synchronized
+    assert not with_curve_peak(sure, dict.fromkeys(range(8), FRAME_MS), FRAME_MS).synchronized
+    assert not with_curve_peak(unknown, dict.fromkeys(range(8), 0.0), FRAME_MS).synchronized
+    by_depth = with_curve_peak(unknown, dict.fromkeys(range(8), -FRAME_MS), FRAME_MS)
     assert by_depth.offset
     assert by_depth.late_ms == pytest.approx(FRAME_MS)
     assert (
@@ -261,13 +261,16 @@ def test_a_curve_that_is_highest_elsewhere_takes_the_certificate_away() -> None:
     )
     assert "95 %" not in timing_sentences(by_depth)
     # From one or two instants nothing follows.
-    assert with_curve_peak(sure, [FRAME_MS] * 2, FRAME_MS).synchronized
-    assert not with_curve_peak(unknown, [-FRAME_MS] * 2, FRAME_MS).offset
+    assert with_curve_peak(sure, dict.fromkeys(range(2), FRAME_MS), FRAME_MS).synchronized
+    assert not with_curve_peak(unknown, dict.fromkeys(range(2), -FRAME_MS), FRAME_MS).offset
 
 
 def test_curves_that_are_highest_here_and_there_say_nothing() -> None:
     unknown = judge_timing(PAIR, OffsetFit(reason="why"), 0.0, FRAME_MS)
-    assert with_curve_peak(unknown, [0.0, -FRAME_MS, -FRAME_MS, 0.0, FRAME_MS], FRAME_MS) == unknown
+    assert (
+        with_curve_peak(unknown, dict(enumerate((0.0, -FRAME_MS, -FRAME_MS, 0.0, FRAME_MS))), FRAME_MS)
+        == unknown
+    )
 
 
 @pytest.mark.parametrize("known", [OffsetFit(reason="why"), OffsetFit(2.4, 1.0)])
@@ -275,8 +278,8 @@ def test_a_frame_that_only_depth_saw_dropped_takes_the_common_frame_away(known: 
     """Twelve of sixteen instants find most depth as recorded, and the last four a frame later."""
     peaks = {2 * k: 0.0 if k < 12 else FRAME_MS for k in range(16)}
     motion = judge_timing(PAIR, known, 0.0, FRAME_MS)
-    assert with_curve_peak(motion, [*peaks.values()], FRAME_MS).same_frame_ms is not None
-    found = with_curve_peak(with_depth_runs(motion, peaks, FRAME_MS), [*peaks.values()], FRAME_MS)
+    assert with_curve_peak(motion, peaks, FRAME_MS).same_frame_ms is not None
+    found = with_curve_peak(with_depth_runs(motion, peaks, FRAME_MS), peaks, FRAME_MS)
     assert found.same_frame_ms is None
     assert not found.synchronized
     assert found.disagreeing == (24, 26, 28, 30)
@@ -291,7 +294,7 @@ def test_the_last_instants_depth_alone_tells_of_a_drop_where_motion_tells_nothin
     peaks = {**dict.fromkeys(range(7), 0.0), odd: -FRAME_MS}
     for known in (OffsetFit(reason="why"), OffsetFit(2.4, 1.0)):
         motion = judge_timing(PAIR, known, 0.0, FRAME_MS)
-        found = with_curve_peak(with_depth_runs(motion, peaks, FRAME_MS), [*peaks.values()], FRAME_MS)
+        found = with_curve_peak(with_depth_runs(motion, peaks, FRAME_MS), peaks, FRAME_MS)
         # One instant between others may be a wrong match, and motion outweighs one instant.
         hidden = known.offset_ms is None and odd in (0, 6)
         assert (found.same_frame_ms is None) == hidden
@@ -300,7 +303,7 @@ def test_the_last_instants_depth_alone_tells_of_a_drop_where_motion_tells_nothin
 
 def test_curves_that_are_highest_as_recorded_tell_the_frame() -> None:
     unsure, late = judged(2.4, 1.0), judged(7.0, 0.5)
-    found = with_curve_peak(unsure, [0.0] * 7 + [FRAME_MS], FRAME_MS)
+    found = with_curve_peak(unsure, {**dict.fromkeys(range(7), 0.0), 7: FRAME_MS}, FRAME_MS)
     assert not found.synchronized
     assert not found.offset
     text = timing_sentences(found)
@@ -308,7 +311,9 @@ def test_curves_that_are_highest_as_recorded_tell_the_frame() -> None:
     assert "Offsets below 4 ms cannot be measured: the measured offset is neither" in text
     assert "R is 2.4 ± 2.0 ms late" in text
     # A lateness that was measured is told, however depth is paired best.
-    assert timing_sentences(with_curve_peak(late, [0.0] * 8, FRAME_MS)) == timing_sentences(late)
+    assert timing_sentences(
+        with_curve_peak(late, dict.fromkeys(range(8), 0.0), FRAME_MS)
+    ) == timing_sentences(late)
 
 
 @pytest.mark.parametrize(
@@ -327,7 +332,7 @@ def test_curves_that_are_highest_as_recorded_tell_the_frame() -> None:
 def test_the_frame_is_told_where_its_neighbours_are_far(found: Timing, text: str) -> None:
     assert not found.synchronized
     assert timing_sentences(found).startswith(f"These pictures are of the same frame. {text}")
-    assert with_curve_peak(found, [FRAME_MS] * 8, FRAME_MS).same_frame_ms is None
+    assert with_curve_peak(found, dict.fromkeys(range(8), FRAME_MS), FRAME_MS).same_frame_ms is None
     assert without_common_times(found, NOT_SYNCHRONIZED).same_frame_ms is None
 
 
@@ -337,3 +342,16 @@ def test_cameras_that_moved_are_named() -> None:
     one = sentences("motion.txt", timing=judge_timing(PAIR, fit, 0.0, FRAME_MS, {"R": 3.21}))
     assert one.startswith("R moved while recording")
     assert "3.2 pixels" in one
+
+
+@pytest.mark.parametrize(
+    ("peaks", "certain"), [((2, 5, 9), False), ((2, 5, 9, 24), True), ((2, 10, 18), True)]
+)
+def test_depth_at_one_end_of_the_motion_tells_no_common_frame(peaks: tuple[int, ...], certain: bool) -> None:
+    """Slow boards of which a frame was dropped at 14: depth was clear at 2, 5 and 9 only."""
+    instants = tuple(InstantOffset(k, -0.4, 1.5, 5) for k in (0, 2, 29))
+    fit = OffsetFit(-0.4, 1.5, "", instants, unvoted=(1, *range(3, 11), 23, 27, 28))
+    motion = with_unseen_ends(judge_timing(PAIR, fit, 0.0, FRAME_MS), unseen_ends(fit))
+    assert motion.same_frame_ms is None
+    found = with_curve_peak(motion, dict.fromkeys(peaks, 0.0), FRAME_MS)
+    assert (found.same_frame_ms is not None) == certain

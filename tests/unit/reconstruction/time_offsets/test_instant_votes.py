@@ -103,7 +103,7 @@ def test_a_run_that_disagrees_takes_certificate_and_frame_away() -> None:
     assert timing.disagreeing == (INSTANTS - 2, INSTANTS - 1)
     assert not timing.synchronized
     assert timing.same_frame_ms is None
-    assert with_curve_peak(timing, [0.0] * 6, PERIOD_MS).same_frame_ms is None
+    assert with_curve_peak(timing, dict.fromkeys(range(6), 0.0), PERIOD_MS).same_frame_ms is None
 
 
 def test_two_instants_at_the_end_are_no_step_of_three_frames() -> None:

@@ -169,8 +169,8 @@ def test_a_take_that_shows_moments_twice_is_not_certified() -> None:
         assert timing.same_frame_ms is None
         assert not timing.offset
         # Nor by the depth that most images have together.
-        assert with_curve_peak(timing, [0.0] * 4, PERIOD_MS) == timing
-    assert with_curve_peak(sure, [0.0] * 4, PERIOD_MS).same_frame_ms is not None
+        assert with_curve_peak(timing, dict.fromkeys(range(4), 0.0), PERIOD_MS) == timing
+    assert with_curve_peak(sure, dict.fromkeys(range(4), 0.0), PERIOD_MS).same_frame_ms is not None
     text = timing_sentences(with_repeats(sure, nothing, {"L": (), "R": (6, 10)}))
     assert "R's images at 6, 10 show the moment of the image before" in text
 

@@ -23,7 +23,7 @@ from reconstruction.compare.tolerance_study import measure_curve, whole_frame_of
 from reconstruction.method.comparison_results import CompareResult, ConditionResult
 from reconstruction.method.interface import scored
 from reconstruction.method.score import TIMING, Context, Score, say_all, study_reports
-from reconstruction.method.timing import measure_pair_timing, measure_rig_timing, with_depth
+from reconstruction.method.timing import Timing, measure_pair_timing, measure_rig_timing, with_depth
 from reconstruction.report.comparison_report import report_words, write_report
 from reconstruction.report.findings import verdict
 from reconstruction.scene.calibration.consistency import check_rig
@@ -307,12 +307,22 @@ def _measure_timing(context: Context, studies: Mapping[str, Score]) -> dict[str,
     with worker_pool(1) as pool:
         if len(context.scene.views) > 2:
             context.progress.step("time offsets of all cameras")
-            rig = pool.submit(measure_rig_timing, offsets, study.cameras[0] if study else None)
+            rig = pool.submit(measure_rig_timing, offsets, study.pair if study else None)
         if study:
             fields |= _measure_pair_timing(context, offsets, study)
         if len(context.scene.views) > 2:
             fields["rig_timing"] = rig.result()
+            if study:
+                fields["timing"] = _told_of_the_odd_one(offsets, fields["timing"], rig.result().reference)
     return fields
+
+
+def _told_of_the_odd_one(offsets: PairOffsets, timing: Timing, reference: str) -> Timing:
+    """Return a pair's judgement, of its first camera if the second is the rig's reference."""
+    if timing.other != reference or not timing.offset or timing.by_depth or timing.late_ms is None:
+        return timing
+    turned = measure_pair_timing(offsets, timing.cameras[::-1])
+    return turned if turned.offset else timing
 
 
 def _measure_pair_timing(context: Context, offsets: PairOffsets, study: Score) -> dict[str, Any]:

@@ -131,48 +131,58 @@ def measure_pair_timing(
     return with_planned_delay(timing, dataset.planned_delay_ms(first, second))
 
 
-def measure_rig_timing(offsets: PairOffsets, reference: str | None) -> "SessionTiming":
-    """Measure every camera's time offset from many pairs; prefer `reference` if most informative."""
-    rig_offsets = measure_rig_offsets(offsets.scene, preferred=reference, finder=offsets)
-    first = next(name for name, offset in rig_offsets.items() if offset.sd_ms == 0)
-    measured = {pair: offsets.measure(*pair) for pair in likely_pairs(offsets.scene)}
-    steady = steady_cameras(first, measured, offsets.dataset.period_ns / 1e6)
-    judged = (
-        measure_pair_timing(
-            offsets,
-            (first, name),
-            OffsetFit(
-                offset.offset_ms,
-                offset.sd_ms,
-                offset.reason,
-                misfit_px=offset.misfit_px,
-                change=offset.change or UNCHANGED,
-            ),
-            "" if name in steady else UNSTEADY_PAIRS,
-        )
-        for name, offset in rig_offsets.items()
-        if name != first
-    )
-    return SessionTiming(reference=first, cameras=tuple(judged))
+def measure_rig_timing(offsets: PairOffsets, pair: tuple[str, str] | None) -> "SessionTiming":
+    """Measure every camera's time offset from many pairs, against one of the most that are together.
 
-
-def steady_cameras(
-    reference: str, measured: Mapping[tuple[str, str], OffsetFit], period_ms: float
-) -> set[str]:
-    """Return the cameras that a chain of pairs with one offset in all of the motion joins to the reference.
-
-    The adjusted offsets of a rig are means, and have no instants of their own.
+    Of several such cameras, the reference is the most informative one, or else one of the `pair`.
     """
+    scene, period_ms = offsets.scene, offsets.dataset.period_ns / 1e6
+    rig_offsets = measure_rig_offsets(scene, preferred=pair[0] if pair else None, finder=offsets)
+    measured = {pair: offsets.measure(*pair) for pair in likely_pairs(scene)}
+    steady = steady_pairs(measured, period_ms)
+    first = next(name for name, offset in rig_offsets.items() if offset.sd_ms == 0)
+    reference = most_together((first, *(pair or ()), *rig_offsets), steady, period_ms)
+    if reference != first:
+        rig_offsets = measure_rig_offsets(scene, reference, finder=offsets)
+    certain = joined_to(reference, steady)
+    judged = []
+    for name, offset in rig_offsets.items():
+        if name == reference:
+            continue
+        fit = OffsetFit(
+            offset.offset_ms,
+            offset.sd_ms,
+            offset.reason,
+            misfit_px=offset.misfit_px,
+            change=offset.change or UNCHANGED,
+        )
+        both = reference, name
+        # The adjusted offsets of a rig are means, and have no instants of their own.
+        is_shown = name in certain or bool(fit.change) or not {both, both[::-1]} & measured.keys()
+        unseen = "" if name in certain else UNSTEADY_PAIRS
+        judged.append(measure_pair_timing(offsets, both, fit if is_shown else None, unseen))
+    return SessionTiming(reference=reference, cameras=tuple(judged))
+
+
+def steady_pairs(
+    measured: Mapping[tuple[str, str], OffsetFit], period_ms: float
+) -> dict[tuple[str, str], float]:
+    """Return the pairs of cameras with one offset in all of the motion, and that offset in ms."""
     limit_ms = SURE_FRAMES * period_ms
-    steady = [
-        pair
+    return {
+        pair: fit.offset_ms
         for pair, fit in measured.items()
         if fit.offset_ms is not None
         and not (fit.change or fit.disagreeing or any(fit.glitches_ms) or unseen_ends(fit))
         and not (fit.odd_ms(limit_ms) or fit.jitter_ms(period_ms))
         and SIGMAS * _max_jitter_ms(fit.instants, fit.offset_ms) <= limit_ms
-    ]
-    return joined_to(reference, steady)
+    }
+
+
+def most_together(names: Sequence[str], steady: Mapping[tuple[str, str], float], period_ms: float) -> str:
+    """Return the first of the cameras that steady pairs without offset join to the most others."""
+    alike = [pair for pair, late_ms in steady.items() if abs(late_ms) <= SURE_FRAMES * period_ms]
+    return max(names, key=lambda name: len(joined_to(name, alike)))
 
 
 def judge_timing(
@@ -218,7 +228,7 @@ def judge_timing(
             offset=True,
             reason=fit.change.describe(other, reference),
         )
-    odd = len(fit.odd_ms(limit_ms))
+    odd_ms = fit.odd_ms(limit_ms)
     possible_ms = SIGMAS * _max_jitter_ms(instants, late)
     jitter_ms, drifts = fit.jitter_ms(spacing_ms), scatter_ms(instants, spacing_ms)[1]
     if drifts:
@@ -235,7 +245,7 @@ def judge_timing(
         "their epipolar lines; check it with a board": fit.misfit_px is not None,
         f"the offset changes over the take, to {end_ms:+.1f} ms": abs(end_ms) > limit_ms,
         "the error of the measured offset is more than a tenth of a frame": SIGMAS * sd > limit_ms,
-        f"{odd} of {len(instants)} instants disagree with the others": odd > 0,
+        f"{len(odd_ms)} of {len(instants)} instants disagree with the others": bool(odd_ms),
         f"instant {listed} disagrees with the others": len(unknown.disagreeing) == 1,
         f"instants {listed} disagree with the others": len(unknown.disagreeing) > 1,
         f"single images may be off by up to {possible_ms:.1f} ms": possible_ms > limit_ms,
@@ -248,7 +258,8 @@ def judge_timing(
         abs(instant.late_ms) - ODD_SIGMAS * instant.sd_ms < spacing_ms / 2 for instant in instants
     )
     # If measured images disagree, others may be farther off.
-    same &= not unknown.disagreeing and (not odd or is_same_instant(possible_ms, spacing_ms))
+    same &= not unknown.disagreeing and (not odd_ms or is_same_instant(possible_ms, spacing_ms))
+    far_ms = [possible_ms, *(abs(late + ms) for ms in odd_ms.values())] if odd_ms else []
     denied = offset or jitter_ms is not None
     return structs.replace(
         unknown,
@@ -257,7 +268,7 @@ def judge_timing(
         uncertainty_ms=SIGMAS * sd,
         offset=denied,
         jitter_ms=jitter_ms,
-        same_frame_ms=abs(late) + SIGMAS * sd if same and not denied else None,
+        same_frame_ms=max([abs(late) + SIGMAS * sd, *far_ms]) if same and not denied else None,
         reason=reason,
         shift_ms=round(late - apart_ms, 2) if offset and round(late / spacing_ms) else None,
     )

@@ -26,9 +26,9 @@ def sentences(template: str, **view: object) -> str:
 
 
 def rig_sentence(rig: SessionTiming, pair: Timing | None) -> str:
-    """Return a sentence on cameras besides the `pair` that are certainly offset; empty if none is."""
-    paired = () if pair is None else pair.cameras
-    late = [camera for camera in rig.cameras if camera.offset and camera.other not in paired]
+    """Return a sentence on cameras that are certainly offset, without the `pair`'s own; empty if none is."""
+    paired = set() if pair is None else {*pair.cameras}
+    late = [camera for camera in rig.cameras if camera.offset and {*camera.cameras} != paired]
     # Time shifts against two references cannot be combined.
     one_reference = pair is None or not pair.option or pair.reference == rig.reference
     options = [camera.option for camera in late if camera.option and one_reference]

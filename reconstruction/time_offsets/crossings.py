@@ -70,6 +70,8 @@ ALIKE_INSTANTS = 3.0
 ROUNDS = 20
 ODD_INSTANT_SIGMAS = 4.0
 """Standard deviations from which one of some twenty instants disagrees with the take."""
+MAX_GLITCH_SPEED = 3.0
+"""Maximum ratio of an odd image's speed of points to that of the fastest that agree; a frame late is 2."""
 MIN_JITTER = 3.0
 """Minimum ratio of the instants' scatter to their errors from which single images are called offset."""
 MIN_JITTER_INSTANTS = 5
@@ -405,7 +407,7 @@ def fit_offset(
         misfit_px=recorded_px if recorded_px > MAX_AT_REST_PX else None,
         change=change,
         disagreeing=own.disagreeing(offset_ms, period_ms),
-        glitches_ms=_glitches_ms(moving.by(fit.geometry), offset_ms, period_ms),
+        glitches_ms=_glitches_ms(moving.by(fit.geometry), offset_ms, period_ms, change),
     )
 
 
@@ -414,21 +416,28 @@ def _votes(seen: Crossings) -> Votes:
 
 
 def _glitches_ms(
-    seen: Crossings, offset_ms: float, period_ms: float
+    seen: Crossings, offset_ms: float, period_ms: float, change: Change
 ) -> tuple[dict[int, float], dict[int, float]]:
-    """Return how much later single images of A and of B are than the offset says.
+    """Return how much later single images of A and of B are than the offset says, but beside its steps.
 
-    An image's own points vote for its time, on the other camera's paths.
+    An image's own points vote for its time, on the other camera's paths, unless they are much faster than
+    those that agree: where motion turns, what is left of an object may be matched with another one.
     """
+    speeds = np.abs(seen.across_px_per_ms)
+    agreeing = np.abs(seen.offset_ms - offset_ms) < GLITCH_FRAMES * period_ms
+    fastest = np.quantile(np.append(speeds[agreeing], 0.0), 0.95, method="higher")
+    seen = seen.only(speeds <= MAX_GLITCH_SPEED * fastest)
     of_b = seen.in_second >= 0
     in_b = seen.only(of_b)
     votes = [_votes(seen.only(~of_b)), _votes(replace(in_b, instant=in_b.in_second))]
     first, second = (vote.apart_ms(offset_ms, period_ms, GLITCH_FRAMES, GLITCH_VOTES) for vote in votes)
     limit_ms = MAX_GLITCH_FRAMES * period_ms
-    return (
-        {k: -ms for k, ms in first.items() if abs(ms) < limit_ms},
-        {k: ms for k, ms in second.items() if abs(ms) < limit_ms},
+    # A path over a gap tells no time there.
+    beside = {k for step in change.steps for k in range(step.earliest - 1, step.latest + 1)}
+    near, late = (
+        {k: ms for k, ms in its.items() if abs(ms) < limit_ms and k not in beside} for its in (first, second)
     )
+    return {k: -ms for k, ms in near.items()}, late
 
 
 def fit_slope(instants: Sequence[InstantOffset]) -> tuple[float, float, float]:

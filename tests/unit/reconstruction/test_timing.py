@@ -6,7 +6,8 @@ from capture_app.session.format.common_times import NOT_SYNCHRONIZED
 from reconstruction.method.timing import (
     Timing,
     judge_timing,
-    steady_cameras,
+    most_together,
+    steady_pairs,
     unseen_ends,
     with_curve_peak,
     with_depth_runs,
@@ -17,6 +18,7 @@ from reconstruction.method.timing import (
 from reconstruction.report.findings import sentences
 from reconstruction.time_offsets.crossings import InstantOffset, OffsetFit
 from reconstruction.time_offsets.instant_votes import Change, Step
+from reconstruction.time_offsets.rig_offsets import joined_to
 
 FRAME_MS = 33.3
 PAIR = ("L", "R")
@@ -102,7 +104,8 @@ def test_one_pair_of_images_that_is_off_takes_the_certificate_away() -> None:
     found = judged(0.2, 0.3, 0.1, 7.1, 0.4, -0.3, 0.2, 0.3, 0.1, 0.4, 0.2, 0.3)
     assert not found.synchronized
     assert not found.offset
-    assert "1 of 10 instants disagree" in timing_sentences(found)
+    text = timing_sentences(found)
+    assert "Offsets below 7 ms cannot be measured: 1 of 10 instants disagree" in text
 
 
 @pytest.mark.parametrize(("unseen", "certain"), [((3, 12), True), ((12, 15, 20, 29), False)])
@@ -135,9 +138,9 @@ def test_a_camera_of_a_rig_is_certified_by_a_chain_of_its_own_pairs() -> None:
     whole, part = (OffsetFit(0.1, 0.4, "", instants, unvoted=unseen) for unseen in ((), (12, 15, 20, 29)))
     dropped = OffsetFit(0.1, 0.4, "", instants, change=Change(steps=(Step(5, 1, 5, 5),)))
     pairs = {("a", "b"): whole, ("b", "c"): whole, ("c", "d"): part, ("d", "e"): whole, ("b", "f"): dropped}
-    assert steady_cameras("a", pairs, FRAME_MS) == {"a", "b", "c"}
-    assert steady_cameras("a", pairs | {("c", "e"): whole}, FRAME_MS) == {*"abcde"}
-    assert steady_cameras("a", {("a", "b"): OffsetFit(reason="too few moving points")}, FRAME_MS) == {"a"}
+    assert joined_to("a", steady_pairs(pairs, FRAME_MS)) == {"a", "b", "c"}
+    assert joined_to("a", steady_pairs(pairs | {("c", "e"): whole}, FRAME_MS)) == {*"abcde"}
+    assert not steady_pairs({("a", "b"): OffsetFit(reason="too few moving points")}, FRAME_MS)
 
 
 @pytest.mark.parametrize(
@@ -154,8 +157,18 @@ def test_a_reference_whose_images_are_off_singly_leaves_its_rig_without_a_certif
         for late_ms in ((0.1,) * 10, odd_ms)
     )
     pairs = {("a", "b"): odd, ("a", "c"): odd, ("b", "c"): steady}
-    assert steady_cameras("a", pairs, FRAME_MS) == {"a"}
-    assert steady_cameras("b", pairs, FRAME_MS) == {"b", "c"}
+    assert joined_to("a", steady_pairs(pairs, FRAME_MS)) == {"a"}
+    assert joined_to("b", steady_pairs(pairs, FRAME_MS)) == {"b", "c"}
+
+
+def test_a_rig_is_measured_against_the_cameras_that_are_together() -> None:
+    """One late camera of five was the reference: the four others were called early."""
+    late = {"a": 10.0, "b": 0.0, "c": 0.1, "d": 0.0}
+    steady = {(one, two): late[two] - late[one] for one in late for two in late if one < two}
+    assert most_together(("a", "d", *late), steady, FRAME_MS) == "d"
+    assert most_together(("c", "a", *late), steady, FRAME_MS) == "c"
+    assert most_together(("a", "b"), {("a", "b"): 10.0}, FRAME_MS) == "a"
+    assert most_together(("a", *late), {}, FRAME_MS) == "a"
 
 
 def test_frames_that_wander_about_zero_are_not_synchronized() -> None:

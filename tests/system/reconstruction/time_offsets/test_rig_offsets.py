@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from reconstruction.compare.comparison import CompareOptions, compare
 from reconstruction.method.comparison_results import CompareResult
 from reconstruction.method.timing import measure_pair_timing, measure_rig_timing
 from reconstruction.scene.dataset import Dataset
@@ -50,7 +51,7 @@ def test_a_rig_is_together_only_without_its_late_camera(scene: Scene, tmp_path: 
     opened = OpenScene(Dataset.open(session.folder))
     offsets = PairOffsets(opened)
     pair = measure_pair_timing(offsets, ("b", "a"))
-    found = measure_rig_timing(offsets, pair.reference)
+    found = measure_rig_timing(offsets, pair.cameras)
     assert found.reference == "b"
     assert found.together == {"a", "b"}
     late = next(one for one in found.cameras if one.other == "c")
@@ -61,3 +62,23 @@ def test_a_rig_is_together_only_without_its_late_camera(scene: Scene, tmp_path: 
         assert result.together(cameras) == together
         assert result.apart(cameras) != together
     assert not CompareResult(timing=pair).together("abc")
+    # The pair's first camera is the odd one: the others are not called early.
+    other = measure_rig_timing(offsets, ("c", "a"))
+    assert other.reference == "a"
+    assert other.together == {"a", "b"}
+
+
+def test_the_headline_names_the_camera_that_is_late(scene: Scene, tmp_path: Path) -> None:
+    views = {
+        name: make_view((x, 0.02 * (name == "b"), 0)) for name, x in (("a", -0.12), ("b", 0), ("c", 0.12))
+    }
+    for late in "ac":
+        folder = tmp_path / late
+        session = write_session(folder, scene, views, instants=6, truth=False, late={late: 1.0})
+        options = CompareOptions.of(studies=("stereo",), max_instants=2)
+        result = compare(session.folder, folder / "compared", options)
+        assert f"{late}'s pictures were taken 33." in result.verdict
+        assert "later than" in result.verdict
+        assert (
+            result.verdict.count("--time-shift-ms") == result.verdict.count(f"--time-shift-ms {late}=") == 1
+        )

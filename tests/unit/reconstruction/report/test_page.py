@@ -28,6 +28,14 @@ def test_the_page_starts_with_the_verdict_and_its_two_numbers(
     assert "one picture is 67 ms late" in page.text
 
 
+def test_every_sentence_of_the_page_ends_once(whole: CompareResult, read_report: ReadReport) -> None:
+    commands = {"cloud": "reconstruct stereo"}
+    studies = [msgspec.structs.replace(study, commands=commands) for study in whole.studies]
+    text = read_report(whole, *studies).text
+    assert "(SGBM). Its numbers are the score" in text
+    assert not re.search(r"\.\s*\.", text)
+
+
 def test_everything_is_in_the_one_file(tmp_path: Path, pictured: CompareResult) -> None:
     path = write_report(pictured, tmp_path)
     page = Page(path)

@@ -140,6 +140,14 @@ def test_cameras_beside_the_pair_that_are_late_are_named_with_what_mends_them() 
     text = told(stereo(0.97, 0.01), timing=turned, rig_timing=late)
     assert "c is 40.0" in text
     assert text.count("--time-shift-ms") == 1
+    wandering = camera("c", 0.8, jitter_ms=6.0, reason="c's frames wander by ± 12.0 ms")
+    text = told(
+        stereo(0.97, 0.01), timing=pair, rig_timing=SessionTiming(reference="a", cameras=(wandering,))
+    )
+    assert "Against a, c's frames wander by ± 12.0 ms (by what moves; 95 %)" in text
+    both = Timing(reference="b", other="c", synchronized=True)
+    text = told(stereo(0.97, 0.01), timing=both, rig_timing=late)
+    assert text.startswith("These cameras were not synchronized. Against a, c is 40.0")
 
 
 def test_no_difference_is_said_as_such() -> None:

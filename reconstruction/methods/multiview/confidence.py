@@ -87,8 +87,13 @@ class DepthSupport(NamedTuple):
         return np.asarray(right * self.measurable(misfit_px, scale_error), np.float32)
 
     def confidence_if_turned(self, misfit_px: float | None, scale_error: float = 0.0) -> tuple[Array, Array]:
-        """Return the confidence if a camera is turned sideways by `TURN_PX`, unseen by two, and if not."""
-        exact = self._replace(cameras=3).confidence(misfit_px or POINTS_PX, scale_error)
+        """Return the confidence if a camera is turned sideways by `TURN_PX`, unseen by two, and if not.
+
+        The latter is what it would be if a third camera, opposite to the second one, showed such turns.
+        """
+        exact = self._replace(cameras=3, turn_gain=math.sqrt(0.5)).confidence(
+            misfit_px or POINTS_PX, scale_error
+        )
         return exact * (self.worth_px > TURN_PX), exact
 
     def measurable(self, misfit_px: float | None, scale_error: float = 0.0) -> Array:

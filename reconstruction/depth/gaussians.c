@@ -12,6 +12,7 @@
  * which a pixel is not touched; transmittance at which a pixel is full. */
 static const float BLUR = 0.3f, RADII = 3.f, FAINT = 1.f / 255, FULL = 1e-3f, MOST = 0.99f;
 enum { NUMBERS = 7 }; /* of a projected Gaussian: its pixel, its conic, its half width and height */
+enum { AHEAD = 16 };  /* Gaussians that are fetched before their turn */
 
 /* Gaussians `first` to `last` in a view: `pose` is 3x3 and the shift, `lens` fx, fy, cx, cy; `axes` (n x 3 x 3) has
  * unit vectors as columns, `sizes` (n x 3) standard deviations along them, times exp(`grown`, n). `flat` gets
@@ -60,6 +61,12 @@ static inline Box box_of(const float *flat, int width, int top, int bottom) {
   return box;
 }
 
+/* Begins to read a Gaussian: neighbours in depth are far apart in memory, and waiting took a tenth of the time. */
+static inline void fetch(long g, const float *flat, const float *colours) {
+  __builtin_prefetch(flat + NUMBERS * g);
+  __builtin_prefetch(colours + 3 * g);
+}
+
 /* exp(-x / 2) for x from 0 to 9, within 1e-4 of it: half of the time goes here. */
 static inline float bell(float x) {
   const float t = 1.f - x * (1.f / 64); /* (1 - x/64)^32 -> exp(-x/2) */
@@ -74,6 +81,7 @@ int draw_gaussians(int count, const int32_t *order, const float *flat, const flo
     passes[i] = 1.f, picture[3 * i] = picture[3 * i + 1] = picture[3 * i + 2] = 0.f;
   for (int k = 0; k < count; k++) {
     const long g = order[k];
+    if (k + AHEAD < count) fetch(order[k + AHEAD], flat, colours);
     const float *f = flat + NUMBERS * g, *colour = colours + 3 * g, opacity = opacities[g];
     if (f[5] < 0.f || opacity < FAINT) continue;
     const Box box = box_of(f, width, top, bottom);
@@ -97,14 +105,17 @@ int draw_gaussians(int count, const int32_t *order, const float *flat, const flo
 }
 
 /* Gradients by colour (n x 3), opacity (n) and `grown` (n), added to what is there. `slopes`: the loss by each of the
- * picture's colours; `drawn`: the picture with its background; `behind`, `through`: work space. */
+ * picture's colours; `drawn`: the picture with its background; `behind`, `passes`: work space, a number a pixel. */
 int gaussian_gradients(int count, const int32_t *order, const float *flat, const float *opacities,
                        const float *colours, int width, int top, int bottom, const float *drawn, const float *slopes,
-                       float *before, float *passes, float *by_colour, float *by_opacity, float *by_grown) {
-  for (long i = (long)top * width; i < (long)bottom * width; i++)
-    passes[i] = 1.f, before[3 * i] = before[3 * i + 1] = before[3 * i + 2] = 0.f;
+                       float *behind, float *passes, float *by_colour, float *by_opacity, float *by_grown) {
+  for (long i = (long)top * width; i < (long)bottom * width; i++) {
+    const float *s = slopes + 3 * i, *d = drawn + 3 * i;
+    passes[i] = 1.f, behind[i] = s[0] * d[0] + s[1] * d[1] + s[2] * d[2];
+  }
   for (int k = 0; k < count; k++) {
     const long g = order[k];
+    if (k + AHEAD < count) fetch(order[k + AHEAD], flat, colours);
     const float *f = flat + NUMBERS * g, *colour = colours + 3 * g, opacity = opacities[g];
     if (f[5] < 0.f || opacity < FAINT) continue;
     const Box box = box_of(f, width, top, bottom);
@@ -119,14 +130,11 @@ int gaussian_gradients(int count, const int32_t *order, const float *flat, const
         if (q > RADII * RADII) continue;
         const float shape = bell(q), full = opacity * shape, alpha = MIN(full, MOST);
         if (alpha < FAINT) continue;
-        const float w = alpha * t;
-        float by_alpha = 0.f;
-        for (int j = 0; j < 3; j++) {
-          const float slope = slopes[3 * p + j];
-          before[3 * p + j] += w * colour[j];
-          colour_slope[j] += w * slope;
-          by_alpha += slope * (t * colour[j] - (drawn[3 * p + j] - before[3 * p + j]) / (1 - alpha));
-        }
+        const float w = alpha * t, *s = slopes + 3 * p;
+        const float by_light = s[0] * colour[0] + s[1] * colour[1] + s[2] * colour[2];
+        for (int j = 0; j < 3; j++) colour_slope[j] += w * s[j];
+        behind[p] -= w * by_light;
+        const float by_alpha = t * by_light - behind[p] / (1 - alpha);
         if (full < MOST) {
           const float across = f[2] * dx + f[3] * dy, down = f[3] * dx + f[4] * dy;
           opacity_slope += by_alpha * shape;

@@ -95,7 +95,7 @@ def add_slopes(
     call_kernel(
         "gaussian_gradients",
         *(len(projected.order), projected.order, projected.flat, *values),
-        *(projected.view.width, *rows, drawn, errors, np.empty_like(drawn), passes),
+        *(projected.view.width, *rows, drawn, errors, np.empty_like(passes), passes),
         *slopes,
         source=GAUSSIANS,
     )

@@ -19,6 +19,8 @@ GROWTH = 1.5
 """Maximum ratio of an object's areas in two successive images."""
 MAX_STEP_WIDTHS = 6.0
 """Maximum distance that an object moves between successive images, in object widths."""
+MAX_CHANGE, SMALL_STEP_PX = 0.5, 2.0
+"""Maximum change of an object's speed, as a fraction, and a step between images that may change wholly."""
 EDGE_PX = 2
 PIXEL_PX = 0.28
 """Deviation of a perfect ellipse's contour, which consists of whole pixels."""
@@ -51,6 +53,19 @@ class Outlines:
         near = distances < MAX_STEP_WIDTHS * np.sqrt(self.area)[:, None]
         near &= np.abs(np.log(others.area / self.area[:, None])) < np.log(GROWTH)
         return np.where(near.sum(1, keepdims=True) == 1, others.at[near.argmax(1)], np.nan)
+
+
+def moves_evenly(at: Array, times_ms: Array) -> Array:
+    """Return which objects (n,) were followed through three images, at (3, n, 2) px and (3, n) ms, evenly.
+
+    A part of an object comes and goes, and its neighbour of similar size is another part: a jump to it and
+    back is fast, and a fast point shows its time most precisely.
+    """
+    steps, apart_ms = np.diff(at, axis=0), np.diff(times_ms, axis=0)
+    speeds = steps / apart_ms[..., None]
+    fastest = np.linalg.norm(speeds, axis=2).max(0)
+    changes = np.linalg.norm(speeds[1] - speeds[0], axis=1)
+    return np.asarray(changes <= MAX_CHANGE * fastest + SMALL_STEP_PX / np.abs(apart_ms).min(0))
 
 
 def find_outlines(image: Array, background: Array, moving: Array) -> Outlines:

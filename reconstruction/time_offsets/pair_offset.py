@@ -37,7 +37,7 @@ from reconstruction.time_offsets.crossings import (
 )
 from reconstruction.time_offsets.frame_jumps import BESIDE, image_change, place_step
 from reconstruction.time_offsets.instant_votes import Step
-from reconstruction.time_offsets.outlines import Outlines, find_outlines, similar_objects
+from reconstruction.time_offsets.outlines import Outlines, find_outlines, moves_evenly, similar_objects
 from reconstruction.time_offsets.pair_geometry import (
     Correction,
     correct_views,
@@ -284,7 +284,10 @@ class PairOffsets:
             middles = outlines.at if k == image[1] else outlines.nearest(there)
             path.append(np.concatenate([at, middles[objects]]))
             when.append(times.of_rows_ms(image[0], k, path[-1][:, 1]))
-        return np.stack(path), np.stack(when)
+        whole, times_ms, count = np.stack(path), np.stack(when), corners.shape[1]
+        jumps = count + np.flatnonzero(~moves_evenly(whole[:, count:], times_ms[:, count:]))
+        whole[::2, jumps] = np.nan
+        return whole, times_ms
 
     def _neighbours(self, camera: str, instant: int) -> tuple[int | None, int | None]:
         """Return the camera's previous and next image; recordings paired without common times have gaps."""

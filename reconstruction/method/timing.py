@@ -157,10 +157,11 @@ def measure_rig_timing(offsets: PairOffsets, pair: tuple[str, str] | None) -> "S
             change=offset.change or UNCHANGED,
         )
         both = reference, name
+        own = [measured[pair].offset_ms for pair in (both, both[::-1]) if pair in measured]
         # The adjusted offsets of a rig are means, and have no instants of their own.
-        is_shown = name in certain or bool(fit.change) or not {both, both[::-1]} & measured.keys()
+        is_mean = name in certain or bool(fit.change) or own in ([], [None])
         unseen = "" if name in certain else UNSTEADY_PAIRS
-        judged.append(measure_pair_timing(offsets, both, fit if is_shown else None, unseen))
+        judged.append(measure_pair_timing(offsets, both, fit if is_mean else None, unseen))
     return SessionTiming(reference=reference, cameras=tuple(judged))
 
 

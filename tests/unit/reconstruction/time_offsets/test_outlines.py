@@ -29,10 +29,10 @@ def test_an_object_that_is_partly_as_bright_as_the_background_has_an_uncertain_c
         # It falls, and turns.
         (((0, 0), (9, 4), (18, 12)), True),
         (((0, 0), (1, 1), (0, 2)), True),
+        (((0, 0), (1, 1), (np.nan, np.nan)), True),
         # A part that vanishes was taken for another one, to either side or to both.
         (((0, 0), (1, 1), (41, 45)), False),
         (((40, 48), (0, 0), (40, 46)), False),
-        (((0, 0), (1, 1), (np.nan, np.nan)), False),
         # Late by a frame, or a bounce: its own path tells no time, its place does.
         (((0, 0), (20, 0), (20, 0)), False),
     ],

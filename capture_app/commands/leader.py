@@ -119,7 +119,7 @@ def leader(
 
     source = click.get_current_context().get_parameter_source("port")
     or_free_port = log is not None and source is ParameterSource.DEFAULT
-    news = Log(log_line, record=print_json_line if as_json else None)
+    news = Log(log_line, record=_print_event if as_json else None)
 
     def make_options() -> LeaderOptions:
         return LeaderOptions(
@@ -150,6 +150,12 @@ def leader(
     )
     raise_priority()
     run_until_stopped(lead_by_rank(make_options, leaders, run), until_eof=until_eof)
+
+
+def _print_event(event: dict[str, object]) -> None:
+    """Print an event for another program; the rig goes on without it."""
+    with contextlib.suppress(OSError):
+        print_json_line(event)
 
 
 async def _run_leader(

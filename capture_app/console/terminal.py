@@ -53,10 +53,14 @@ class FiniteRange(click.FloatRange):
 
 
 def talk(line: str) -> None:
-    """Print a message for the user on stderr, except with --quiet."""
+    """Print a message for the user on stderr, except with --quiet.
+
+    One that cannot be written is dropped: a camera goes on though its log's reader is gone or its disk full.
+    """
     if verbosity() > Verbosity.QUIET:
         time = f"{datetime.now(UTC).astimezone():%H:%M:%S.%f}"[:-3] + " " if _is_verbose() else ""
-        click.echo(time + printable(line), err=True)
+        with contextlib.suppress(OSError):
+            click.echo(time + printable(line), err=True)
 
 
 def log_line(line: str) -> None:

@@ -18,7 +18,10 @@ async def lead(
     host, _, port = at.rpartition(":")
     where = ("--host", host, "--port", port, "--sessions", str(sessions))
     leader = await start("leader", *where, "--json", *options)
-    return leader, (await leader.next_json())["leader"]
+    # What it goes on with of an earlier run may be told first.
+    while (told := await leader.next_json())["event"] != "listening":
+        pass
+    return leader, told["leader"]
 
 
 async def join(start: Start, name: str, *leaders: str, model: str = "phone-a") -> Command:

@@ -1,12 +1,17 @@
 """What the screen can do, done by commands: cameras started, looked at, shown in detail and removed."""
 
+import asyncio
 import json
+import os
+import sys
+from asyncio.subprocess import DEVNULL, PIPE
 from pathlib import Path
 from typing import Any
 
 import cv2
 
 from capture_app.common.errors import ExitCode
+from tests.system.end_to_end.rig import burst
 
 from .conftest import Start
 
@@ -74,6 +79,26 @@ async def test_a_camera_is_started_looked_at_and_removed(start: Start, tmp_path:
     assert await result("rig", "stop") == {"stopped": at[1]}
     await leader.finish()
     assert leader.process.returncode == 0
+
+
+async def test_a_rig_goes_on_when_nobody_reads_its_events_any_more(start: Start, tmp_path: Path) -> None:
+    nobody, writing = os.pipe()
+    leading = await asyncio.create_subprocess_exec(
+        *(sys.executable, "-m", "capture_app.cli", "leader", "--host", "127.0.0.1", "--port", "0", "--json"),
+        *("--sessions", str(tmp_path), "--camera", CAMERA),
+        stdin=DEVNULL,
+        stdout=writing,
+        stderr=PIPE,
+        env={**os.environ, "XDG_STATE_HOME": str(tmp_path / "state")},
+    )
+    os.close(writing)
+    with os.fdopen(nobody) as events:
+        at = json.loads(events.readline())["leader"]
+    assert (await burst(start, at, "--frames", "2", "--min-nodes", "1"))["received"] == 2
+    leading.terminate()
+    _, said = await leading.communicate()
+    assert leading.returncode == ExitCode.INTERRUPTED, said
+    assert b"Traceback" not in said
 
 
 async def test_a_count_of_the_board_goes_on_when_the_leader_is_back(start: Start, tmp_path: Path) -> None:

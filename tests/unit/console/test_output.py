@@ -133,3 +133,24 @@ def test_a_reader_that_has_left_is_told_as_an_error(pipe: tuple[int, int]) -> No
     with pytest.raises(BrokenPipeError):
         output.write(b"more\n")
     os.close(writing)
+
+
+def test_messages_that_nobody_can_read_any_more_end_nothing(tmp_path: Path) -> None:
+    process = started(tmp_path, "90")
+    assert process.stdout is not None
+    assert process.stderr is not None
+    process.stderr.close()
+    with process.stdout:
+        numbers = [json.loads(line)["number"] for line in process.stdout]
+    assert (process.wait(TIMEOUT_S), numbers) == (0, list(range(90)))
+
+
+def test_messages_for_a_full_disk_end_nothing(tmp_path: Path) -> None:
+    with Path("/dev/full").open("wb") as full:
+        process = subprocess.run(
+            [sys.executable, "-c", TALKER, str(tmp_path / "done"), "90"],
+            stdout=subprocess.PIPE, stderr=full, timeout=TIMEOUT_S,
+            env={**os.environ, "PYTHONPATH": str(ROOT)},
+        )  # fmt: skip
+    assert (tmp_path / "done").exists()
+    assert len(process.stdout.splitlines()) == 90

@@ -54,12 +54,14 @@ SHOTS = {
     "pinwheel": Shot("pinwheel", ("cam00", "cam01", "cam02", "cam03", "cam04"), 0),
     "blank room": Shot("blank-room", tuple(blank_scenes.ROOM_CAMERAS), 620_000_000),
     "blank attic": Shot("blank-attic", tuple(blank_scenes.ATTIC_CAMERAS), 400_000_000),
+    "fine room": Shot("fine-room", tuple(blank_scenes.ROOM_CAMERAS), 400_000_000),
     **{f"rods {px}": Shot(f"rods-{px}", tuple(blank_scenes.ROOM_CAMERAS), 400_000_000) for px in THIN_PX},
 }
 SCENES: Mapping[str, SceneDefinition] = {
     **DEFINITIONS,
     "blank-room": blank_scenes.ROOM,
     "blank-attic": blank_scenes.ATTIC,
+    "fine-room": thin_scenes.FINE_ROOM,
     **{f"rods-{px}": thin_scenes.rods(px) for px in (0, *THIN_PX)},
 }
 

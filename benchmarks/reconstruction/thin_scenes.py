@@ -1,4 +1,4 @@
-"""A room with thin things before a wall of strong texture: upright rods in several colours."""
+"""A room with upright rods before a wall of strong texture; and without them, with a fine texture."""
 
 from functools import partial
 
@@ -23,9 +23,14 @@ MIN_LENGTH = 0.7
 """Minimum part of a rod's length that shows more of the rod than of the wall."""
 
 
-def _textures(rng: np.random.Generator) -> dict[str, Picture]:
+WEAVE, FINE_WEAVE = (9, 45), (5, 11)
+"""Sizes of the wall's features in texels, 3.4 of which are a pixel."""
+
+
+def _textures(rng: np.random.Generator, sizes: tuple[int, int]) -> dict[str, Picture]:
     shape = 1600, 2600
-    weave = materials.noise(rng, shape, (9, 9)) + materials.noise(rng, shape, (45, 45))
+    fine, coarse = (materials.noise(rng, shape, (size, size)) for size in sizes)
+    weave = fine + coarse
     wall = np.array([112.0, 122, 128]) + 34 * weave[..., None]
     return {
         "wall": np.clip(wall, 0, 255).astype(np.uint8),
@@ -34,7 +39,7 @@ def _textures(rng: np.random.Generator) -> dict[str, Picture]:
     }
 
 
-def _stage(thickness_px: float) -> SceneStage:
+def _stage(thickness_px: float, sizes: tuple[int, int]) -> SceneStage:
     rng = np.random.default_rng(SEED)
     radius = 0.5 * thickness_px * NEAR_M / FOCAL_PX
     bars: list[Mesh] = []
@@ -46,12 +51,16 @@ def _stage(thickness_px: float) -> SceneStage:
         panel((-3.2, -2.2, FAR_M), (6.4, 0, 0), (0, 3.6, 0), "wall"),
         panel((-3.2, 1.3, 1.0), (6.4, 0, 0), (0, 0, FAR_M - 1.0), "floor"),
     ]
-    return SceneStage([Part("walls", walls), Part("rods", bars)], {}, _textures(rng))
+    return SceneStage([Part("walls", walls), Part("rods", bars)], {}, _textures(rng, sizes))
 
 
 def rods(thickness_px: float) -> SceneDefinition:
     """Return the room with rods of a thickness in the pictures of its cameras; 0 = without."""
-    return SceneDefinition(ROOM_CAMERAS, partial(_stage, thickness_px), lambda _: {})
+    return SceneDefinition(ROOM_CAMERAS, partial(_stage, thickness_px, WEAVE), lambda _: {})
+
+
+FINE_ROOM = SceneDefinition(ROOM_CAMERAS, partial(_stage, 0, FINE_WEAVE), lambda _: {})
+"""The room without rods, with a fine texture on its wall."""
 
 
 def count_rods(drawn: Array, truth: Array, without: Array, depth: Array) -> int:

@@ -23,6 +23,8 @@ THIN = 0.1
 """Standard deviation across the surface, relative to that."""
 MAX_SLANT = 3.0
 """Maximum stretch of a pixel's Gaussian on a slanted surface."""
+LAYER = 0.5
+"""Distance between the four layers of a pixel and its neighbours, in widths of a pixel on the surface."""
 SAME_DEPTH = 0.01
 """Relative difference of depth within which an earlier map already has a pixel's surface."""
 OPACITY = 0.9
@@ -137,9 +139,15 @@ def _has_surface(seen: SeenView, points: Array) -> Array:
 
 
 def _surface_elements(seen: SeenView, pixels: Array, centres: Array, size_px: float, first: int) -> Gaussians:
-    """Return a Gaussian of `size_px` for each row of `pixels` (n, k), their mean, at `centres` (n, 2)."""
+    """Return a Gaussian of `size_px` for each row of `pixels` (n, k), their mean, at `centres` (n, 2).
+
+    Neighbours overlap, and the nearer one covers the other: layers give all cameras the same order of them,
+    or each would see another picture of the same surface.
+    """
     view = seen.view
     depth = seen.depth.ravel()[pixels].mean(axis=1).astype(float)
+    row, column = (np.floor(centres[:, axis] / size_px) % 2 for axis in (1, 0))
+    depth *= 1 + LAYER / view.focal * (2 * row + column - 1.5)
     points = view.unproject(centres, depth)
     rays = points - view.centre
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)

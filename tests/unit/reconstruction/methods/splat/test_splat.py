@@ -36,7 +36,7 @@ from reconstruction.methods.splat.splat_method import SplatMethod
 from reconstruction.methods.splat.splat_run import _with_learned, middle_camera, optimize_moments
 from reconstruction.scene.scene import Scene
 from tests.unit.reconstruction.conftest import Reconstruct
-from tests.unit.reconstruction.depth.moments import BOARD_M, FOCAL, moment, seen, view_at
+from tests.unit.reconstruction.depth.moments import BOARD_M, FOCAL, WALL_M, moment, seen, view_at
 from tests.unit.reconstruction.depth.test_backdrop import before_blue, board_before_blue
 
 
@@ -123,6 +123,19 @@ def test_optimizing_makes_a_held_out_view_better() -> None:
     better, kept = optimize(gaussians, cameras, 5)
     assert psnr(render_gaussians(better, view), truth) > before + 2
     assert kept.sum() == len(better)
+
+
+def test_all_cameras_see_neighbours_on_a_surface_in_the_same_order() -> None:
+    """A wall is ordered from its left to its right in one camera, and the other way round in another."""
+    camera = seen(view_at(0.0))
+    noise = np.random.default_rng(4).integers(0, 256, camera.colours.shape).astype(np.uint8)
+    wall = np.full_like(camera.depth, WALL_M)
+    gaussians = make_gaussians({"middle": replace(camera, colours=noise, depth=wall)})
+    left, right = (view_at(side, turn=side / 3) for side in (-0.6, 0.6))
+    depths = [(gaussians.places @ view.rotation.T + view.translation)[:, 2] for view in (left, right)]
+    beside = np.flatnonzero(np.diff(gaussians.pixels % camera.view.width) == 1)
+    nearer = [depth[beside] < depth[beside + 1] for depth in depths]
+    assert np.mean(nearer[0] == nearer[1]) == 1
 
 
 def test_fine_texture_is_not_blurred() -> None:
@@ -251,7 +264,7 @@ def test_what_a_mask_excludes_is_not_fitted() -> None:
     options = SplatMethod(iterations=2, masks="masks", all_cameras=True)
     ((_, splat),) = optimize_moments([SeenInstant(0, masked, {})], 1, options)
     assert 500 < len(splat) < 90 * 120 / 2
-    assert splat.places[:, 2] == pytest.approx(BOARD_M, abs=0.01)
+    assert splat.places[:, 2] == pytest.approx(BOARD_M, abs=0.015)
     ((_, before_black),) = optimize_moments([SeenInstant(0, masked, {})], 1, SplatMethod(iterations=2))
     assert before_black.places[:, 2].max() > 2 * BOARD_M
 

@@ -196,7 +196,7 @@ def restrict_file_access() -> None:
 
 
 def run_until_stopped(work: Coroutine[Any, Any, T], *, until_eof: bool = False) -> T:
-    """Run a coroutine until it is done, or until SIGINT or SIGTERM; return its result.
+    """Run a coroutine until it is done, or until SIGINT, SIGTERM or SIGHUP; return its result.
 
     Its output never waits for the reader. `until_eof`: stop also when stdin, a pipe, closes, because the
     parent process has ended.
@@ -205,8 +205,11 @@ def run_until_stopped(work: Coroutine[Any, Any, T], *, until_eof: bool = False) 
     async def stoppable() -> T:
         task = asyncio.ensure_future(work)
         loop = asyncio.get_running_loop()
-        with contextlib.suppress(NotImplementedError):
-            loop.add_signal_handler(signal.SIGTERM, task.cancel)
+        for number in (signal.SIGTERM, signal.SIGHUP):
+            # The terminal of a camera that was started over SSH may close, which nohup lets it ignore.
+            if signal.getsignal(number) != signal.SIG_IGN:
+                with contextlib.suppress(NotImplementedError):
+                    loop.add_signal_handler(number, task.cancel)
         if until_eof:
             loop.add_reader(sys.stdin.fileno(), _stop_at_eof, loop, task)
         return await task

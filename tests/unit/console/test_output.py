@@ -46,9 +46,9 @@ def pipe() -> Iterator[tuple[int, int]]:
     os.close(writing)
 
 
-def started(tmp_path: Path, *arguments: str) -> subprocess.Popen[bytes]:
+def started(tmp_path: Path, *arguments: str, by: tuple[str, ...] = ()) -> subprocess.Popen[bytes]:
     return subprocess.Popen(
-        [sys.executable, "-c", TALKER, str(tmp_path / "done"), *arguments],
+        [*by, sys.executable, "-c", TALKER, str(tmp_path / "done"), *arguments],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE,
         env={**os.environ, "PYTHONPATH": str(ROOT)},
     )  # fmt: skip

@@ -138,7 +138,7 @@ def measure_rig_timing(offsets: PairOffsets, pair: tuple[str, str] | None) -> "S
     """
     scene, period_ms = offsets.scene, offsets.dataset.period_ns / 1e6
     rig_offsets = measure_rig_offsets(scene, preferred=pair[0] if pair else None, finder=offsets)
-    measured = {pair: offsets.measure(*pair) for pair in likely_pairs(scene)}
+    measured = {two: offsets.measure(*two) for two in likely_pairs(scene)}
     steady = steady_pairs(measured, period_ms)
     first = next(name for name, offset in rig_offsets.items() if offset.sd_ms == 0)
     reference = most_together((first, *(pair or ()), *rig_offsets), steady, period_ms)
@@ -157,7 +157,7 @@ def measure_rig_timing(offsets: PairOffsets, pair: tuple[str, str] | None) -> "S
             change=offset.change or UNCHANGED,
         )
         both = reference, name
-        own = [measured[pair].offset_ms for pair in (both, both[::-1]) if pair in measured]
+        own = [measured[two].offset_ms for two in (both, both[::-1]) if two in measured]
         # The adjusted offsets of a rig are means, and have no instants of their own.
         is_mean = name in certain or bool(fit.change) or own in ([], [None])
         unseen = "" if name in certain else UNSTEADY_PAIRS

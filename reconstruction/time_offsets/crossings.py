@@ -391,8 +391,9 @@ def fit_offset(
         more, drift_sd = slope_ms / period_ms, slope_sd_ms / period_ms
         left = _changing(instants, structs.replace(change, drift=-more), period_ms)
         # A rate leaves no drift; a wrong calibration leaves one where the motion changes its direction.
-        is_wrong = recorded_px > 2 * TYPICAL_AT_REST_PX or scatter_ms(left, period_ms)[1]
         change = structs.replace(change, drift=change.drift + more, drift_sd=drift_sd)
+        is_wrong = recorded_px > 2 * TYPICAL_AT_REST_PX or scatter_ms(left, period_ms)[1]
+        is_wrong |= abs(change.drift) < ODD_INSTANT_SIGMAS * drift_sd
     if is_wrong:
         return fit_offset(crossings, still, period_ms, recorded_px, steady=True)
     offset_ms = float(fit.values[0])

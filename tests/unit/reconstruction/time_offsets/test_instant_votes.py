@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from reconstruction.method.timing import Timing, judge_timing, with_curve_peak
+from reconstruction.time_offsets import crossings as crossings_module
 from reconstruction.time_offsets.crossings import Crossings, fit_offset
 from reconstruction.time_offsets.instant_votes import Change, Step, count_votes, find_change
 from tests.unit.reconstruction.test_timing import timing_sentences
@@ -154,3 +155,12 @@ def test_a_rate_is_not_told_by_a_calibration_that_does_not_fit() -> None:
     found = take(drift=1.5 / INSTANTS)
     assert fit_offset(found, NOTHING_STILL, PERIOD_MS, 0.6).change.drift
     assert not fit_offset(found, NOTHING_STILL, PERIOD_MS, 1.3).change
+
+
+def test_a_rate_that_is_less_than_its_error_is_not_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A real ball that was seen well at four instants: "R's frames last 1.1 ± 20 % longer than L's"."""
+    found = take(drift=0.05)
+    for sd_ms, told in ((0.01 * PERIOD_MS, True), (0.1 * PERIOD_MS, False)):
+        slope_ms = 0.0, sd_ms, 0.0
+        monkeypatch.setattr(crossings_module, "fit_slope", lambda _, slope_ms=slope_ms: slope_ms)
+        assert bool(fit_offset(found, NOTHING_STILL, PERIOD_MS).change) == told

@@ -70,8 +70,6 @@ ALIKE_INSTANTS = 3.0
 ROUNDS = 20
 ODD_INSTANT_SIGMAS = 4.0
 """Standard deviations from which one of some twenty instants disagrees with the take."""
-MAX_GLITCH_SPEED = 3.0
-"""Maximum ratio of an odd image's speed of points to that of the fastest that agree; a frame late is 2."""
 MIN_JITTER = 3.0
 """Minimum ratio of the instants' scatter to their errors from which single images are called offset."""
 MIN_JITTER_INSTANTS = 5
@@ -421,13 +419,8 @@ def _glitches_ms(
 ) -> tuple[dict[int, float], dict[int, float]]:
     """Return how much later single images of A and of B are than the offset says, but beside its steps.
 
-    An image's own points vote for its time, on the other camera's paths, unless they are much faster than
-    those that agree: where motion turns, what is left of an object may be matched with another one.
+    An image's own points vote for its time, on the other camera's paths.
     """
-    speeds = np.abs(seen.across_px_per_ms)
-    agreeing = np.abs(seen.offset_ms - offset_ms) < GLITCH_FRAMES * period_ms
-    fastest = np.quantile(np.append(speeds[agreeing], 0.0), 0.95, method="higher")
-    seen = seen.only(speeds <= MAX_GLITCH_SPEED * fastest)
     of_b = seen.in_second >= 0
     in_b = seen.only(of_b)
     votes = [_votes(seen.only(~of_b)), _votes(replace(in_b, instant=in_b.in_second))]

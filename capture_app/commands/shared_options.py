@@ -206,7 +206,7 @@ def run_until_stopped(work: Coroutine[Any, Any, T], *, until_eof: bool = False) 
         task = asyncio.ensure_future(work)
         loop = asyncio.get_running_loop()
         for number in (signal.SIGTERM, signal.SIGHUP):
-            # The terminal of a camera that was started over SSH may close, which nohup lets it ignore.
+            # A terminal over SSH may close: the camera ends in order then, and under nohup it goes on.
             if signal.getsignal(number) != signal.SIG_IGN:
                 with contextlib.suppress(NotImplementedError):
                     loop.add_signal_handler(number, task.cancel)

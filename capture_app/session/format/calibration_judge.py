@@ -115,5 +115,6 @@ def rig_faults(cameras: Mapping[str, CameraCalibration], unit: str) -> list[Faul
             nearest |= {name: min(nearest.get(name, apart), apart) for name in (a, b)}
     spacing = float(np.median(list(nearest.values()))) if nearest else 1.0
     if unit == "m" and not NEIGHBOURS_M[0] <= spacing <= NEIGHBOURS_M[1]:
-        faults.append(("", f"neighbouring cameras stand {spacing:.3g} m apart: its unit is not the metre"))
+        apart_m = f"{float(f'{spacing:.3g}'):g}"
+        faults.append(("", f"neighbouring cameras stand {apart_m} m apart: its unit is not the metre"))
     return faults

@@ -85,6 +85,7 @@ def test_a_wrong_calibration_of_cameras_that_turn_back_is_not_another_rate() -> 
 def test_frames_that_last_longer_are_told_by_their_own_length(drift: float, text: str) -> None:
     """A delay that grows by a sixth of the time recorded is that of frames that last a fifth longer."""
     assert Change(drift=drift, drift_sd=0.01).describe("R", "L") == f"R's frames last {text} than L's"
+    assert "± 10 %" in Change(drift=drift, drift_sd=0.05 * (1 - drift) ** 2).describe("R", "L")
 
 
 @pytest.mark.parametrize("wander_ms", [0.0, 6.0])

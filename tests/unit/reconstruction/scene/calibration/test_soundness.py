@@ -7,7 +7,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from capture_app.session.format.calibration_judge import camera_fault
+from capture_app.session.format.calibration_judge import camera_fault, rig_faults
 from reconstruction.scene.calibration.consistency import judge_calibration
 from tests.unit.reconstruction.conftest import make_view
 
@@ -90,3 +90,11 @@ def test_shared_points_are_judged_and_counted_where_they_are() -> None:
     assert found.coverage["a"] == pytest.approx(3 / 48)
     assert 0 < found.coverage["b"] < 1
     assert found.coverage["c"] == 0
+
+
+@pytest.mark.parametrize(("apart", "said"), [(1563.0, "1560 m"), (0.00012, "0.00012 m")])
+def test_a_rig_that_is_not_in_metres_says_how_far_apart_its_cameras_stand(apart: float, said: str) -> None:
+    cameras = {name: make_view((x, 0, 0)).to_calibration() for name, x in (("a", 0.0), ("b", apart))}
+    (fault,) = rig_faults(cameras, "m")
+    assert fault == ("", f"neighbouring cameras stand {said} apart: its unit is not the metre")
+    assert not rig_faults(cameras, "mm")

@@ -106,6 +106,7 @@ class SpooledFilm:
     def _note_left(self, frame: ImageUpload, segment: Segment, offset: int) -> ImageUpload:
         self._places[frame.record.instant] = segment, offset
         segment.waiting += 1
+        self._unsynced.add(segment)
         return frame
 
     def forget_readable(self) -> None:

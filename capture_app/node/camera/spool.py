@@ -192,6 +192,7 @@ class Spool:
         self._lock = -1
         self._left: list[SpoolFolder] = []
         """Bursts that a failing disk has not deleted."""
+        self._changing = threading.Lock()
 
     def open(self) -> list[SpoolFolder]:
         """Lock the spool and return the bursts in it, oldest first.
@@ -254,8 +255,11 @@ class Spool:
         if burst.folder.is_symlink():
             raise DiskError(f"{burst.folder} is a link", hint="remove it: nodes write nothing behind links")
         try:
-            burst.folder.mkdir(exist_ok=True)
-            write_atomic(burst.folder / REPORT, msgspec.json.encode(report), synced=False)
+            with self._changing:
+                # A recording that goes on has the same folder again, which must not be deleted later.
+                self._left = [left for left in self._left if left.folder != burst.folder]
+                burst.folder.mkdir(exist_ok=True)
+                write_atomic(burst.folder / REPORT, msgspec.json.encode(report), synced=False)
         except OSError as error:
             burst.remove()
             raise disk_error(error, self.folder) from error
@@ -263,8 +267,9 @@ class Spool:
 
     def remove(self, burst: SpoolFolder) -> None:
         """Delete a burst, now or when its disk can do so again."""
-        if not burst.remove():
-            self._left.append(burst)
+        with self._changing:
+            if not burst.remove():
+                self._left.append(burst)
 
     def look(self) -> SpoolSpace:
         """Return the free space, and the reason if the spool cannot be used; delete what could not be before.
@@ -277,7 +282,8 @@ class Spool:
             with disk_errors(self.folder):
                 reserve(probe, LITTLE_BYTES)
                 probe.unlink()
-                self._left = [burst for burst in self._left if not burst.remove()]
+                with self._changing:
+                    self._left = [burst for burst in self._left if not burst.remove()]
                 return replace(space, free_bytes=free_bytes(self.folder))
         except DiskFullError as error:
             return replace(space, problem=cut(error.what))

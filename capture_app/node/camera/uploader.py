@@ -351,6 +351,8 @@ class Uploader:
             if burst.images:
                 images = count(len(burst.images), "image")
                 self._log.say(f"burst {burst.report.burst}: {images} still in {spooled.folder}")
+                # A run that was killed may have written them without waiting for the disk.
+                burst.unsynced.update(burst.images)
                 bursts.append(burst)
             else:
                 spooled.remove()
@@ -365,7 +367,8 @@ class Uploader:
             if left.ended and not left.streamed:
                 if not burst.streamed:
                     return
-                burst.continue_from(left)
+                if left.state is not UploadState.OVER:
+                    burst.continue_from(left)
                 self._bursts.remove(left)
         self._bursts.append(burst)
         if len(self._bursts) > MAX_WAITING_BURSTS:

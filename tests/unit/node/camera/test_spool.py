@@ -70,6 +70,36 @@ def test_what_a_failing_disk_does_not_delete_goes_when_it_is_usable_again(
     spool.close()
 
 
+def test_what_a_failing_disk_did_not_delete_of_a_recording_that_goes_on_is_not_deleted_later(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The folder of what the leader had was deleted with what the camera took since, of one recording."""
+    spool = Spool(tmp_path, "a")
+    spool.open()
+    burst = spool.create_burst(UPLOAD.report)
+    with monkeypatch.context() as patch:
+        patch.setattr(SpoolFolder, "remove", lambda _: False)
+        spool.remove(burst)
+    further = spool.create_burst(UPLOAD.report)
+    add_image(further, UPLOAD.report)
+    assert not spool.look().problem
+    assert len([*SpoolFolder(further.folder).film.recover()]) == 1
+    spool.close()
+
+
+def test_what_a_killed_run_wrote_is_synced_by_the_next(tmp_path: Path) -> None:
+    """It was in the machine's memory alone, and a power cut afterwards lost it."""
+    spool = Spool(tmp_path, "a")
+    spool.open()
+    add_image(spool.create_burst(UPLOAD.report), UPLOAD.report)
+    spool.close()
+    again = Spool(tmp_path, "a")
+    (left,) = again.open()
+    assert len([*left.film.recover()]) == 1
+    assert {path.suffix for path in left.film.to_sync()} == {".film", ".ndjson"}
+    again.close()
+
+
 def test_a_node_that_is_started_again_begins_with_the_burst_it_wrote_first(tmp_path: Path) -> None:
     spool = Spool(tmp_path, "a")
     spool.open()

@@ -584,6 +584,7 @@ class Uploader:
                                 under_way = {folder_name(burst.report) for burst in self._bursts}
                                 adopted = await asyncio.to_thread(self.spool.adopt, under_way)
                                 self._bursts.extend(await asyncio.to_thread(self._read, adopted))
+                                self._to_sync.set()
                                 await sender.ask(await asyncio.to_thread(self.spool.look))
                         else:
                             await self._conclude(*await sender.next_ended())

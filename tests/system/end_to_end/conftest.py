@@ -44,6 +44,12 @@ class Command:
             line: dict[str, Any] = json.loads(await self.process.stdout.readline())
             return line
 
+    async def next_event(self, kind: str) -> dict[str, Any]:
+        """Return the next line of stdout that tells of such an event."""
+        while (told := await self.next_json())["event"] != kind:
+            pass
+        return told
+
     async def finish(self) -> str:
         """Wait for its end and return what it printed on stdout."""
         assert self.process.stdout is not None

@@ -19,9 +19,7 @@ async def lead(
     where = ("--host", host, "--port", port, "--sessions", str(sessions))
     leader = await start("leader", *where, "--json", *options)
     # What it goes on with of an earlier run may be told first.
-    while (told := await leader.next_json())["event"] != "listening":
-        pass
-    return leader, told["leader"]
+    return leader, (await leader.next_event("listening"))["leader"]
 
 
 async def join(start: Start, name: str, *leaders: str, model: str = "phone-a") -> Command:

@@ -30,9 +30,7 @@ async def test_a_phone_joins_a_leader_by_the_page_that_it_shows(start: Start, tm
         done = json.loads(await asked.finish())
         session = Session.open(Path(done["session"]))
         assert [session.image_bytes(image) for image in session.manifest.images] == [JPEG, JPEG]
-        while (event := await leader.next_json())["event"] != "invitation":
-            pass
-        assert event["url"] != told["url"]
+        assert (await leader.next_event("invitation"))["url"] != told["url"]
 
         await leader.stop()
         await until(lambda: phone.is_cut_off)

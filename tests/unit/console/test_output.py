@@ -8,6 +8,7 @@ import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import IO
 
 import pytest
 
@@ -46,10 +47,12 @@ def pipe() -> Iterator[tuple[int, int]]:
     os.close(writing)
 
 
-def started(tmp_path: Path, *arguments: str, by: tuple[str, ...] = ()) -> subprocess.Popen[bytes]:
+def started(
+    tmp_path: Path, *arguments: str, by: tuple[str, ...] = (), stderr: int | IO[bytes] = subprocess.PIPE
+) -> subprocess.Popen[bytes]:
     return subprocess.Popen(
         [*by, sys.executable, "-c", TALKER, str(tmp_path / "done"), *arguments],
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+        stdout=subprocess.PIPE, stderr=stderr,
         env={**os.environ, "PYTHONPATH": str(ROOT)},
     )  # fmt: skip
 
@@ -147,10 +150,6 @@ def test_messages_that_nobody_can_read_any_more_end_nothing(tmp_path: Path) -> N
 
 def test_messages_for_a_full_disk_end_nothing(tmp_path: Path) -> None:
     with Path("/dev/full").open("wb") as full:
-        process = subprocess.run(
-            [sys.executable, "-c", TALKER, str(tmp_path / "done"), "90"],
-            stdout=subprocess.PIPE, stderr=full, timeout=TIMEOUT_S,
-            env={**os.environ, "PYTHONPATH": str(ROOT)},
-        )  # fmt: skip
+        printed, _ = started(tmp_path, "90", stderr=full).communicate(timeout=TIMEOUT_S)
     assert (tmp_path / "done").exists()
-    assert len(process.stdout.splitlines()) == 90
+    assert len(printed.splitlines()) == 90

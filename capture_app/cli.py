@@ -168,7 +168,7 @@ def run(arguments: Sequence[str]) -> int:
 def main() -> None:
     """Run this process's command line; first re-execute without its passwords, to hide them from `ps`."""
     shown = [hide_password(argument) for argument in sys.orig_argv]
-    if shown != sys.orig_argv:
+    if shown != sys.orig_argv and os.name == "posix":  # Windows shows them to this user only
         os.execv(sys.executable, shown)  # noqa: S606 - this program once more
     sys.exit(run(sys.argv[1:]))
 

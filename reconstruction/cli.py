@@ -1,7 +1,6 @@
 """Command line `reconstruct`; heavy modules are imported on first use."""
 
 import os
-import signal
 import sys
 from collections.abc import Sequence
 from typing import Any
@@ -9,6 +8,7 @@ from typing import Any
 import click
 
 from capture_app import __version__
+from capture_app.common import system
 from capture_app.common.errors import ExitCode, SimulshotError
 from capture_app.common.plugins import load_plugins
 from capture_app.console.terminal import run_command_line, talk
@@ -19,7 +19,7 @@ from reconstruction.commands.live import live
 from reconstruction.commands.method_command import method_command
 from reconstruction.commands.movers import movers
 from reconstruction.commands.time import time_command
-from reconstruction.common.memory import limited_memory, share_heaps
+from reconstruction.common.memory import limited_memory
 from reconstruction.common.native_libraries import TRACEBACK, claim_output, unexpected_error
 from reconstruction.common.options import COMMANDS
 from reconstruction.common.picture_checksums import checked_pictures
@@ -89,10 +89,9 @@ def run(arguments: Sequence[str]) -> int:
 
 def main() -> None:
     """Run the `reconstruct` command given by this process's arguments, and exit with its code."""
-    # SIGTERM cleans up as Ctrl-C does.
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    system.end_as_interrupt()
     claim_output()
-    share_heaps()
+    system.share_heaps(len(system.usable_cores()))
     code = run(sys.argv[1:])
     if code == ExitCode.INTERRUPTED:
         # Cleanup is finished. A normal exit would wait for threads that still compute.

@@ -22,10 +22,10 @@ from capture_app.cameras.base import Camera, OnFailure, OnFrame, buffer_count
 from capture_app.cameras.frame_reader import FrameReader
 from capture_app.cameras.frames import CapturedFrame, JpegPicture
 from capture_app.commands.shared_options import run_until_stopped
+from capture_app.common import system
 from capture_app.common.address import parse_address
 from capture_app.common.camera_facts import CameraFacts, PhaseControl, TimestampSource
 from capture_app.common.clock import HostClock
-from capture_app.common.priority import raise_priority
 from capture_app.node.camera.camera_node import CameraNode
 from capture_app.node.camera.node_group import run_nodes
 from capture_app.node.camera.supervisor import NodeOptions
@@ -137,7 +137,7 @@ def main() -> None:
             log=Log(print),
         )
     )
-    raise_priority()
+    system.raise_thread_priority()
     run_until_stopped(run_nodes({name: node}, Log(print)))
 
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable
 from contextlib import suppress
 from typing import Generic, TypeVar
 
-from capture_app.common.priority import raise_priority
+from capture_app.common import system
 
 F = TypeVar("F")
 PACE_NS, BUFFERED_FRACTION = 50_000_000, 0.25
@@ -51,7 +51,7 @@ class FrameReader(Generic[F]):
         self._thread.join()
 
     def _run(self) -> None:
-        raise_priority()
+        system.raise_thread_priority()
         error = None
         while error is None and not self._stopped.wait(self._pace_s):
             if len(self._waiting) < self._max_waiting:

@@ -1,7 +1,6 @@
 """`capture-app demo`: simulated cameras in separate processes, a burst, and its comparison."""
 
 import textwrap
-import time
 from collections import defaultdict
 from collections.abc import Iterator
 from pathlib import Path
@@ -10,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from capture_app.commands.shared_options import FOLDER, run_until_stopped, stagger_option
+from capture_app.common import system
 from capture_app.common.child import ask_reconstruct
 from capture_app.common.errors import BadInputError
 from capture_app.common.stagger import Stagger
@@ -78,7 +78,7 @@ async def run_demo(out: Path, cameras: int, talk: Talk, stagger: Stagger | None 
 
     Raises SimulshotError where a part of it fails; what is saved by then stays.
     """
-    began_s = time.monotonic()
+    began_s = system.monotonic_s()
     session = await capture(out, cameras, talk, stagger=stagger)
     report = free_name(out / "compare")
     arguments = ("compare", str(session.folder), *QUICK, "--out", str(report))
@@ -87,7 +87,7 @@ async def run_demo(out: Path, cameras: int, talk: Talk, stagger: Stagger | None 
     return {
         "session": str(session.folder),
         "report": str(report / "report.html"),
-        "seconds": round(time.monotonic() - began_s, 2),
+        "seconds": round(system.monotonic_s() - began_s, 2),
         "sync": {"nodes": nodes, "max_total_error_ns": max(abs(node["total_error_ns"]) for node in nodes)},
         "compare": compared,
     }

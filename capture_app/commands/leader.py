@@ -3,7 +3,6 @@
 import asyncio
 import contextlib
 import functools
-import os
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -26,10 +25,10 @@ from capture_app.commands.shared_options import (
     spool_option,
     stagger_option,
 )
+from capture_app.common import system
 from capture_app.common.address import LOOPBACK_HOSTS, Address
 from capture_app.common.pairing_codes import Role, show_code
 from capture_app.common.plugins import COMMANDS, plugin_names
-from capture_app.common.priority import raise_priority
 from capture_app.common.stagger import Stagger
 from capture_app.common.tasks import first_of, has_come
 from capture_app.console.terminal import FiniteRange, json_option, log_line, print_json_line, talk
@@ -148,7 +147,7 @@ def leader(
         log=log,
         as_json=as_json,
     )
-    raise_priority()
+    system.raise_thread_priority()
     run_until_stopped(lead_by_rank(make_options, leaders, run), until_eof=until_eof)
 
 
@@ -213,14 +212,11 @@ def _offer_codes(node: "LeaderNode", host: str, *, on_terminal: bool) -> None:
         shows = "Enter shows one here" if on_terminal else "capture-app trust invite shows one"
         talk(f"an unpaired machine needs a pairing code once: {shows}")
         if on_terminal:
-            asyncio.get_running_loop().add_reader(sys.stdin.fileno(), _show_code, node)
+            system.watch_input(functools.partial(_show_code, node))
 
 
-def _show_code(node: "LeaderNode") -> None:
-    handle = sys.stdin.fileno()
-    # A background process must not read: the terminal would stop it.
-    if os.tcgetpgrp(handle) != os.getpgrp() or not os.read(handle, 4096):
-        asyncio.get_running_loop().remove_reader(handle)
+def _show_code(node: "LeaderNode", typed: bytes) -> None:
+    if not typed:
         return
     invited = node.enrolment.invite(Role.CAMERA)
     talk(

@@ -16,6 +16,7 @@ from capture_app.commands.shared_options import (
     run_until_stopped,
     spool_option,
 )
+from capture_app.common import system
 from capture_app.common.address import Address
 from capture_app.common.clock import parse_clock
 from capture_app.console.terminal import FiniteRange, log_line, print_line, talk
@@ -101,7 +102,6 @@ def node(
     Without --leader the node searches the local network, and asks if there are several leaders. A relay's
     address works like a leader's. An unpaired machine is paired once, by --code or by the code asked for.
     """
-    from capture_app.common.priority import raise_priority
     from capture_app.node.camera.node_group import camera_node, name_cameras, run_nodes
     from capture_app.node.camera.spool import free_spool
 
@@ -129,7 +129,7 @@ def node(
         )
         for label, spec in named.items()
     }
-    raise_priority()
+    system.raise_thread_priority()
     run_until_stopped(run_nodes(nodes, Log(log_line)), until_eof=until_eof)
 
 

@@ -1,7 +1,9 @@
 """`capture-app serve`: the terminal UI in a browser."""
 
 import asyncio
+import os
 import shlex
+import subprocess
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -72,7 +74,8 @@ async def _serve(rig: "AttachedRig", host: str, names: tuple[str, ...], port: in
     from capture_app.web.own_page import only_own_page, served
 
     screen = ("capture_app.cli", "--leader", str(rig.leader), "--sessions", str(rig.sessions))
-    command = shlex.join((sys.executable, "-m", *screen))
+    join = shlex.join if os.name == "posix" else subprocess.list2cmdline
+    command = join((sys.executable, "-m", *screen))
     with listen_tcp(host, port) as listening:
         bound, port = listening.getsockname()[:2]
         url = f"http://{Address(reachable_host(bound, listening.family), port)}"

@@ -4,7 +4,6 @@ import asyncio
 import contextlib
 import functools
 import os
-import signal
 import socket
 import sys
 from collections.abc import Callable, Coroutine
@@ -14,6 +13,7 @@ from typing import Any, TypeVar
 import click
 from platformdirs import user_state_path
 
+from capture_app.common import system
 from capture_app.common.address import DEFAULT_PORT, Address, parse_address
 from capture_app.common.errors import NotAvailableError
 from capture_app.common.names import check_name, name_like
@@ -204,25 +204,15 @@ def run_until_stopped(work: Coroutine[Any, Any, T], *, until_eof: bool = False) 
 
     async def stoppable() -> T:
         task = asyncio.ensure_future(work)
-        loop = asyncio.get_running_loop()
-        for number in (signal.SIGTERM, signal.SIGHUP):
-            # A terminal over SSH may close: the camera ends in order then, and under nohup it goes on.
-            if signal.getsignal(number) != signal.SIG_IGN:
-                with contextlib.suppress(NotImplementedError):
-                    loop.add_signal_handler(number, task.cancel)
+        system.on_end(task.cancel)
         if until_eof:
-            loop.add_reader(sys.stdin.fileno(), _stop_at_eof, loop, task)
+            system.watch_input(lambda data: data or task.cancel())
         return await task
 
     wait_for_no_reader()
     restrict_file_access()
     try:
-        return asyncio.run(stoppable())
+        with asyncio.Runner(loop_factory=system.new_event_loop) as runner:
+            return runner.run(stoppable())
     except asyncio.CancelledError:
         raise KeyboardInterrupt from None
-
-
-def _stop_at_eof(loop: asyncio.AbstractEventLoop, task: "asyncio.Future[T]") -> None:
-    if not os.read(sys.stdin.fileno(), 4096):
-        loop.remove_reader(sys.stdin.fileno())
-        task.cancel()

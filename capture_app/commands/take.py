@@ -2,16 +2,15 @@
 
 import asyncio
 import re
-import signal
-import time
 from collections.abc import AsyncGenerator
-from contextlib import aclosing
+from contextlib import aclosing, nullcontext
 from typing import TYPE_CHECKING, Any
 
 import click
 from msgspec.structs import asdict
 
 from capture_app.commands.shared_options import leader_option, together
+from capture_app.common import system
 from capture_app.common.address import Address
 from capture_app.common.errors import IncompleteError, NoCameraHereError
 from capture_app.common.take_limits import LIMITS
@@ -72,9 +71,9 @@ async def _reported(taking: "Taking", leader: Address) -> "AsyncGenerator[TakeEv
             gist = _FIGURE.sub("", line) if isinstance(event, Waiting) else line
             last, last_message, at_s = reported.get(event.number, ("", "", 0.0))
             # Progress alone is reported once a second.
-            too_soon = is_running and message == last_message and time.monotonic() < at_s + 1.0
+            too_soon = is_running and message == last_message and system.monotonic_s() < at_s + 1.0
             if line and gist != last and not too_soon:
-                reported[event.number] = (gist, message, time.monotonic())
+                reported[event.number] = (gist, message, system.monotonic_s())
                 talk(line)
             yield event
 
@@ -114,22 +113,19 @@ async def take(
         endings.append(loop.create_task(series.end()))
 
     loop = asyncio.get_running_loop()
-    if plan.video:
-        loop.add_signal_handler(signal.SIGINT, interrupt)
     try:
-        async with aclosing(_reported(series, link.leader)) as events:
-            async for event in events:
-                match event:
-                    case taking.Saved() | taking.Failed():
-                        ended.append(event)
-                        if not silent:
-                            _print_take(event)
-                    case taking.Progress(status=status) if detach and not status.done:
-                        ended.append(event)
-                        return
+        with system.on_interrupt(interrupt) if plan.video else nullcontext():
+            async with aclosing(_reported(series, link.leader)) as events:
+                async for event in events:
+                    match event:
+                        case taking.Saved() | taking.Failed():
+                            ended.append(event)
+                            if not silent:
+                                _print_take(event)
+                        case taking.Progress(status=status) if detach and not status.done:
+                            ended.append(event)
+                            return
     finally:
-        if plan.video:
-            loop.remove_signal_handler(signal.SIGINT)
         await end(*endings)
 
 

@@ -14,6 +14,7 @@ import ifaddr
 from capture_app.common.errors import NetworkError
 
 _IFF_UP, _IFF_LOOPBACK = 0x1, 0x8
+_KNOWS_FLAGS = Path("/sys/class/net").is_dir()
 DEFAULT_PORT = 47010
 ANY_HOST = ("", "0.0.0.0", "::")  # noqa: S104 - cameras are other machines
 """Hosts that mean all interfaces."""
@@ -46,12 +47,14 @@ def source_address(host: str, family: socket.AddressFamily = socket.AF_INET) -> 
 def _named_hosts() -> Iterator[tuple[str, ipaddress.IPv4Address | ipaddress.IPv6Address]]:
     for adapter in ifaddr.get_adapters():
         with contextlib.suppress(OSError):
-            flags = int((Path("/sys/class/net") / adapter.name / "flags").read_text(), 16)
+            # Only Linux has it; others name no interface that is down.
+            told = Path("/sys/class/net") / adapter.name / "flags"
+            flags = int(told.read_text(), 16) if _KNOWS_FLAGS else _IFF_UP
             if flags & _IFF_UP and not flags & _IFF_LOOPBACK:
                 for ip in adapter.ips:
                     host = ipaddress.ip_address(ip.ip if isinstance(ip.ip, str) else ip.ip[0])
                     # A link-local IPv6 address is not usable without its interface.
-                    if host.version == 4 or not host.is_link_local:
+                    if not host.is_loopback and (host.version == 4 or not host.is_link_local):
                         yield adapter.name, host
 
 

@@ -1,17 +1,15 @@
 """Child processes: started, read from, and always terminated."""
 
 import asyncio
-import os
-import signal
-import sys
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Self, TypeVar
 
 import msgspec
 
+from capture_app.common import system
 from capture_app.common.errors import (
     BadInputError,
     CameraError,
@@ -66,14 +64,13 @@ class Child:
         if niceness:
             arguments = ("capture_app.common.background", str(niceness), *arguments)
         process = await asyncio.create_subprocess_exec(
-            sys.executable,
+            *system.PYTHON,
             "-m",
             *arguments,
             stdin=asyncio.subprocess.PIPE,
             stdout=asyncio.subprocess.PIPE,
             stderr=asyncio.subprocess.PIPE,
-            start_new_session=True,
-            env={**os.environ, **(variables or {})},
+            **system.child_options(variables or {}),
         )
         return cls(name, process, on_line)
 
@@ -105,23 +102,22 @@ class Child:
 
     def pause(self) -> None:
         """Suspend the process and all its children until `resume`."""
-        self._signal(signal.SIGSTOP)
+        self._if_it_runs(system.pause_group)
 
     def resume(self) -> None:
         """Resume the process and its children after `pause`."""
-        self._signal(signal.SIGCONT)
+        self._if_it_runs(system.resume_group)
 
-    def _signal(self, kind: signal.Signals) -> None:
+    def _if_it_runs(self, act: Callable[[int], None]) -> None:
         with suppress(ProcessLookupError):
             if self.process.returncode is None:
-                os.killpg(self.process.pid, kind)
+                act(self.process.pid)
 
     async def stop(self) -> None:
-        """Terminate the process and all its children: by SIGTERM, then by SIGKILL."""
+        """Ask the process and all its children to end, and kill those that do not."""
         with suppress(ProcessLookupError):
-            for kind in (signal.SIGTERM, signal.SIGKILL):
-                os.killpg(self.process.pid, kind)
-                os.killpg(self.process.pid, signal.SIGCONT)
+            for end in (system.end_group, system.kill_group):
+                end(self.process.pid)
                 with suppress(TimeoutError):
                     async with asyncio.timeout(CHILD_STOP_TIMEOUT_S):
                         await self.process.wait()

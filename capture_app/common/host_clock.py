@@ -10,6 +10,8 @@ import time
 from bisect import bisect_left
 from collections.abc import Callable
 
+from capture_app.common import system
+
 TRIES = 3
 """Pairs of readings of which the quickest counts: an interruption between the two rarely hits all."""
 MAX_PAIRS = 1024
@@ -24,7 +26,7 @@ RAW_CLOCK: int | None = getattr(time, "CLOCK_MONOTONIC_RAW", None) if sys.platfo
 
 def host_ns() -> int:
     """Return the host's clock now, in ns: CLOCK_MONOTONIC_RAW on Linux, CLOCK_MONOTONIC elsewhere."""
-    return time.monotonic_ns() if RAW_CLOCK is None else time.clock_gettime_ns(RAW_CLOCK)
+    return system.monotonic_ns() if RAW_CLOCK is None else time.clock_gettime_ns(RAW_CLOCK)
 
 
 class HostReadings:
@@ -64,7 +66,7 @@ def read_pair() -> tuple[int, int]:
     pairs = []
     for _ in range(TRIES):
         begun_ns = host_ns()
-        monotonic_ns = time.monotonic_ns()
+        monotonic_ns = system.monotonic_ns()
         ended_ns = host_ns()
         pairs.append((ended_ns - begun_ns, monotonic_ns, ended_ns))
     return min(pairs)[1:]

@@ -224,8 +224,9 @@ def run_command_line(command: click.Command, name: str, arguments: Sequence[str]
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
-            # If a terminal's encoding lacks a character, a replacement is printed.
-            stream.reconfigure(errors="replace")
+            # If a terminal's encoding lacks a character, a replacement is printed; a program reads UTF-8.
+            is_read_by_program = sys.platform == "win32" and not stream.isatty()
+            stream.reconfigure(encoding="utf-8" if is_read_by_program else None, errors="replace")
     try:
         return _run(command, name, arguments)
     finally:
@@ -249,7 +250,8 @@ def _run(command: click.Command, name: str, arguments: Sequence[str]) -> int:
         return ExitCode.INTERRUPTED
     except BrokenPipeError:
         # The reader of stdout has closed it, as `head` does; the interpreter must not report that at exit.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        with open(os.devnull, "wb") as nowhere:  # noqa: PTH123
+            os.dup2(nowhere.fileno(), sys.stdout.fileno())
         return ExitCode.FAILURE
     except OSError as error:
         return _fail(name, str(error), ExitCode.FAILURE, error)

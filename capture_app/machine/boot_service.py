@@ -2,6 +2,7 @@
 
 import getpass
 import os
+import shlex
 import shutil
 import subprocess
 import sys
@@ -72,7 +73,8 @@ class BootService:
         if shutil.which("systemctl") is None:
             raise NotAvailableError(
                 "systemd is not available on this machine",
-                hint="make this machine's own init system run the line after ExecStart=",
+                hint="have its own service manager (launchd, Windows' Task Scheduler) start: capture-app "
+                + shlex.join(self.arguments),
             )
         earlier = self.path.read_text() if self.path.exists() else None
         self.path.parent.mkdir(parents=True, exist_ok=True)
@@ -99,7 +101,7 @@ class BootService:
 
 
 def _is_root() -> bool:
-    return os.geteuid() == 0
+    return hasattr(os, "geteuid") and os.geteuid() == 0  # noqa: TID251 - systemd's machines have it
 
 
 def _quoted(argument: str) -> str:

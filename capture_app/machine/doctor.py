@@ -4,7 +4,6 @@ import asyncio
 import os
 import platform
 import tempfile
-import time
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
@@ -14,6 +13,7 @@ from typing import Literal
 from msgspec import Struct
 
 from capture_app import __version__
+from capture_app.common import system
 from capture_app.common.address import Address
 from capture_app.common.camera_facts import CameraListing
 from capture_app.common.errors import DiskError, SimulshotError
@@ -180,23 +180,23 @@ def _write_speed(folder: Path, size: int) -> float:
     """Return the write speed of a folder's disk, including the sync, in MB/s."""
     data = os.urandom(1 << 20)
     with tempfile.TemporaryFile(dir=folder) as file:
-        began_s = time.monotonic()
+        began_s = system.monotonic_s()
         for _ in range(size // len(data)):
             file.write(data)
         file.flush()
-        os.fsync(file.fileno())
-        return size / 1e6 / max(time.monotonic() - began_s, 1e-9)
+        system.sync_data(file.fileno())
+        return size / 1e6 / max(system.monotonic_s() - began_s, 1e-9)
 
 
 async def leader(address: Address) -> Finding:
     """Test the connection to a leader."""
-    began_s = time.monotonic()
+    began_s = system.monotonic_s()
     if (obstacle := await find_obstacle(address)) is not None:
         return Finding("leader", "problem", obstacle.what, obstacle.remedy)
     return Finding(
         "leader",
         "good",
-        f"the leader at {address} answers within {(time.monotonic() - began_s) * 1e3:.0f} ms",
+        f"the leader at {address} answers within {(system.monotonic_s() - began_s) * 1e3:.0f} ms",
     )
 
 

@@ -7,7 +7,6 @@ import asyncio
 import contextlib
 import secrets
 import socket
-import time
 from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import AbstractAsyncContextManager, AsyncExitStack, asynccontextmanager
 from typing import Literal
@@ -17,6 +16,7 @@ from zeroconf import Error, IPVersion, ServiceStateChange, Zeroconf
 from zeroconf.asyncio import AsyncServiceBrowser, AsyncServiceInfo, AsyncZeroconf
 
 from capture_app import __version__
+from capture_app.common import system
 from capture_app.common.address import ANY_HOST, Address, own_hosts, parse_address
 from capture_app.common.names import name_like
 from capture_app.common.pairing_codes import Role
@@ -213,17 +213,17 @@ async def search_leaders(
     (default: this user's) knows some of those that answer, only these are returned. `report` gets a sentence
     about what prevents a connection, whenever that changes.
     """
-    began_s, said = time.monotonic(), ""
+    began_s, said = system.monotonic_s(), ""
     async with LeaderBrowser() as browser:
         while True:
-            asked_s = time.monotonic()
+            asked_s = system.monotonic_s()
             await browser.refresh()
             if (mine := await first_to_answer(own(), OWN_S)) is not None:
                 return [FoundLeader("this machine", (mine,))]
-            await asyncio.sleep(max(0.0, began_s + OTHERS_S - time.monotonic()))
+            await asyncio.sleep(max(0.0, began_s + OTHERS_S - system.monotonic_s()))
             leaders = browser.found
             answered = await _answering(leaders, trust or Trust.of_user())
-            is_late = time.monotonic() - began_s >= SAY_S
+            is_late = system.monotonic_s() - began_s >= SAY_S
             # A relay, or an unknown leader, may merely have answered sooner.
             if any(leader.is_known and not leader.is_relay for leader in answered) or (answered and is_late):
                 known = [leader for leader in answered if leader.is_known] or answered
@@ -238,7 +238,7 @@ async def search_leaders(
                 if sentence != said:
                     report(sentence)
                     said = sentence
-            await asyncio.sleep(max(0.0, asked_s + ASK_EVERY_S - time.monotonic()))
+            await asyncio.sleep(max(0.0, asked_s + ASK_EVERY_S - system.monotonic_s()))
 
 
 async def _answering(found: Sequence[FoundLeader], trust: Trust) -> list[FoundLeader]:

@@ -5,14 +5,13 @@ saves power sleeps between beacons, so that messages wait until it wakes.
 """
 
 import contextlib
-import fcntl
 import re
 import socket
-import struct
 import subprocess
 from dataclasses import dataclass
 from pathlib import Path
 
+from capture_app.common import system
 from capture_app.common.address import interface_of, source_address
 
 MDNS_PORT = 5353
@@ -25,9 +24,6 @@ _RULE = re.compile(r"<rule\b.*?</rule>|(?:(?!<rule\b)[^;\n])+", re.DOTALL)
 """A rich rule of firewalld, which may span several lines, or one line or statement of any other firewall."""
 
 NETWORKS = Path("/sys/class/net")
-_SIOCGIWPOWER = 0x8B2D
-_REQUEST = struct.Struct("@16siBBH8x")
-"""`struct iwreq` with its `struct iw_param` (<linux/wireless.h>)."""
 _IW_TIMEOUT_S = 2.0
 
 
@@ -82,7 +78,7 @@ def active_firewalls(root: Path = Path("/")) -> list[Firewall]:
 
 def _read(path: Path) -> str | None:
     try:
-        return path.read_text(errors="replace")
+        return path.read_text(encoding="utf-8", errors="replace")
     except OSError:
         return None
 
@@ -96,10 +92,8 @@ def wifi_interfaces(networks: Path = NETWORKS) -> list[str]:
 
 def saves_power(interface: str) -> bool | None:
     """Whether a WiFi interface saves power; None if its driver does not report it."""
-    request = _REQUEST.pack(interface.encode()[:15], 0, 0, 0, 0)
-    with contextlib.suppress(OSError), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        _, _, _, disabled, _ = _REQUEST.unpack(fcntl.ioctl(probe, _SIOCGIWPOWER, request))
-        return not disabled
+    if (answered := system.saves_power(interface)) is not None:
+        return answered
     # Drivers without the old interface answer only to `iw`.
     with contextlib.suppress(OSError, subprocess.SubprocessError):
         output = subprocess.run(  # noqa: S603 - the name of an interface of this machine

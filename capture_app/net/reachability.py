@@ -252,7 +252,7 @@ def _is_neighbour_there(host: str) -> bool | None:
     """Whether the kernel has resolved the address to hardware on a local network; None if unknown."""
     try:
         searched = ipaddress.ip_address(host)
-        rows = map(str.split, _NEIGHBOURS.read_text().splitlines()[1:])
+        rows = map(str.split, _NEIGHBOURS.read_text(encoding="utf-8").splitlines()[1:])
         flags = [int(row[2], 16) for row in rows if ipaddress.ip_address(row[0]) == searched]
     except (OSError, ValueError, IndexError):
         return None

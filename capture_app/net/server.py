@@ -1,7 +1,6 @@
 """Server of a leader's port, one number for UDP and TCP, with limits for unknown peers."""
 
 import asyncio
-import resource
 import socket
 from collections import defaultdict
 from collections.abc import Awaitable, Callable, Iterable
@@ -10,6 +9,7 @@ from typing import Any, Generic, TypeVar
 
 import msgspec
 
+from capture_app.common import system
 from capture_app.common.address import Address
 from capture_app.common.errors import NetworkError, SimulshotError
 from capture_app.common.pairing_codes import Role
@@ -168,14 +168,10 @@ def _by_host(streams: Iterable[Channel[M]]) -> list[list[Channel[M]]]:
 
 def allowed_streams() -> int:
     """Return the number of streams that this process has file descriptors for, after raising its limit."""
-    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
-    if soft != resource.RLIM_INFINITY:
-        target = max(soft, MAX_FILES if hard == resource.RLIM_INFINITY else min(MAX_FILES, hard))
-        with suppress(OSError, ValueError):
-            resource.setrlimit(resource.RLIMIT_NOFILE, (target, hard))
-            soft = target
-        return max(1, min(MAX_STREAMS, (soft - OTHER_FILES) // FILES_OF_A_STREAM))
-    return MAX_STREAMS
+    files = system.allow_open_files(MAX_FILES)
+    return (
+        MAX_STREAMS if files is None else max(1, min(MAX_STREAMS, (files - OTHER_FILES) // FILES_OF_A_STREAM))
+    )
 
 
 def bind_port(host: str, port: int, *, or_free: bool = False) -> tuple[socket.socket, socket.socket]:

@@ -8,10 +8,10 @@ be a clock error.
 import asyncio
 import contextlib
 import socket
-import struct
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 
+from capture_app.common import system
 from capture_app.common.address import Address
 from capture_app.common.clock import NodeClock
 from capture_app.common.errors import NetworkError
@@ -19,15 +19,11 @@ from capture_app.common.host_clock import host_from_monotonic
 from capture_app.sync.rig.time_client import TimeClient
 from capture_app.sync.sync_engine import Engine
 
-# Linux's number, which the socket module lacks; the timestamp is a timespec of CLOCK_REALTIME.
-SO_TIMESTAMPNS = 35
-_TIMESPEC = struct.Struct("@ll")
-ANCILLARY_BYTES = socket.CMSG_SPACE(_TIMESPEC.size)
-
 Reading = Callable[[], int]
 """Returns the reading of a host clock, in ns."""
 MAX_BYTES = 2048
 MAX_ROUND = 64
+"""Maximum number of datagrams in one turn of the loop, so that a flood cannot starve the rest of the node."""
 
 
 class ReceiptTimes:
@@ -51,21 +47,18 @@ class ReceiptTimes:
         """The readings are this host's unless given; `host` converts CLOCK_MONOTONIC to its clock."""
         self._clock, self._host_from_monotonic = clock, host
         # Looked up now, so that a simulation of time can be in their place.
-        self._realtime, self._monotonic = realtime or time.time_ns, monotonic or time.monotonic_ns
+        self._realtime, self._monotonic = realtime or time.time_ns, monotonic or system.monotonic_ns
         self._before = self._after = self._read()
 
-    def received_ns(self, ancillary: Iterable[tuple[int, int, bytes]]) -> int:
-        """Return the local time in ns of the datagram just read; now if the kernel does not report it."""
+    def received_ns(self, real_ns: int | None, monotonic_ns: int | None = None) -> int:
+        """Return the local time in ns of the datagram just read, from its stamp of one clock; else now."""
         self._after = self._read()
         now_ns = self._after[1]
-        for level, kind, stamp in ancillary:
-            if (level, kind) == (socket.SOL_SOCKET, SO_TIMESTAMPNS) and len(stamp) == _TIMESPEC.size:
-                seconds, nanoseconds = _TIMESPEC.unpack(stamp)
-                stamp_ns = seconds * 1_000_000_000 + nanoseconds
-                placed_ns = max(
-                    mono_ns + stamp_ns - real_ns for real_ns, mono_ns in (self._before, self._after)
-                )
-                now_ns = min(placed_ns, now_ns)
+        if real_ns is not None:
+            pairs = (self._before, self._after)
+            now_ns = min(now_ns, max(mono_ns + real_ns - then_ns for then_ns, mono_ns in pairs))
+        elif monotonic_ns is not None:
+            now_ns = min(now_ns, monotonic_ns)
         return self._clock.local_from_true(self._host_from_monotonic(now_ns))
 
     def queue_was_empty(self) -> None:
@@ -103,6 +96,7 @@ class Pump:
         self._engine, self._clock, self._after_flush = engine, clock.now_ns, after_flush
         self._receipt_times = ReceiptTimes(clock)
         self._loop: asyncio.AbstractEventLoop
+        self._end_receiving: Callable[[], object]
         self._socket: socket.socket | None = None
         self._timer: asyncio.TimerHandle | None = None
         self._due_ns: int | None = None
@@ -111,12 +105,13 @@ class Pump:
     def start(self, sock: socket.socket) -> None:
         """Run over a non-blocking UDP socket, which the pump then owns."""
         # A burst of datagrams must not be lost while the loop is busy; the kernel may grant less.
-        for option, value in ((SO_TIMESTAMPNS, 1), (socket.SO_RCVBUF, 1 << 20)):
-            with contextlib.suppress(OSError):
-                sock.setsockopt(socket.SOL_SOCKET, option, value)
+        with contextlib.suppress(OSError):
+            sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 20)
         self._socket = sock
         self._loop = asyncio.get_running_loop()
-        self._loop.add_reader(sock.fileno(), self._readable)
+        self._end_receiving = system.receive_datagrams(
+            sock, MAX_BYTES, self._received, self._receipt_times.queue_was_empty, at_once=MAX_ROUND
+        )
         self.turn()
 
     def turn(self) -> None:
@@ -145,7 +140,7 @@ class Pump:
         if self._timer is not None:
             self._timer.cancel()
         if self._socket is not None:
-            self._loop.remove_reader(self._socket.fileno())
+            self._end_receiving()
             self._socket.close()
             self._socket = None
 
@@ -154,23 +149,11 @@ class Pump:
         self._engine.handle_timer(self._clock())
         self.turn()
 
-    def _readable(self) -> None:
-        # At most one round per call, so that a flood on the port cannot starve the rest of the node.
-        for _ in range(MAX_ROUND):
-            if self._socket is None:
-                return
-            try:
-                data, ancillary, _, address = self._socket.recvmsg(MAX_BYTES, ANCILLARY_BYTES)
-            except BlockingIOError:
-                self._receipt_times.queue_was_empty()
-                return
-            except OSError:
-                # An ICMP error: something was sent to a closed port.
-                continue
-            self._engine.receive_datagram(
-                data, (address[0], address[1]), self._receipt_times.received_ns(ancillary)
-            )
-            self.turn()
+    def _received(
+        self, data: bytes, address: tuple[str, int], real_ns: int | None, monotonic_ns: int | None
+    ) -> None:
+        self._engine.receive_datagram(data, address, self._receipt_times.received_ns(real_ns, monotonic_ns))
+        self.turn()
 
 
 def client_socket(family: socket.AddressFamily) -> socket.socket:

@@ -2,9 +2,9 @@
 
 import asyncio
 import socket
-import time
 from typing import Any
 
+from capture_app.common import system
 from capture_app.common.address import Address
 from capture_app.common.errors import BadInputError, SimulshotError, UnknownMachineError
 from capture_app.common.names import name_like
@@ -42,7 +42,7 @@ class Enrolment:
         self._seen_version: int | None = None
         self._standbys: set[str] = set()
         self._due_ns: int | None = None
-        self._invitations = Invitations(time.monotonic)
+        self._invitations = Invitations(system.monotonic_s)
         self._said_s = -SAID_AGAIN_S
         self._name = name_like(socket.gethostname().split(".")[0], "leader")
 
@@ -146,7 +146,7 @@ class Enrolment:
         known = None if self._trust.is_open else self._trust.known.find(pin_of(message.certificate))
         machine = None if known is None else self._trust.known.note_certificate(message.certificate)
         if machine is None:
-            now_s = time.monotonic()
+            now_s = system.monotonic_s()
             if now_s - self._said_s >= SAID_AGAIN_S:
                 self._said_s = now_s
                 self._event_log.say(

@@ -4,6 +4,7 @@ import time
 from collections import Counter, deque
 from collections.abc import Callable
 
+from capture_app.common import system
 from capture_app.common.bounds import cut
 from capture_app.protocol.event_text import RigEvent, leader_line, leader_record
 from capture_app.protocol.status import BurstStatus, Level, LogLine
@@ -43,7 +44,7 @@ class Log:
 
     def _admitted(self, text: str, camera: str | None) -> str:
         """Return the line to log, cut to the maximum length; empty if the node `camera` logs too many."""
-        now_s = time.monotonic()
+        now_s = system.monotonic_s()
         if now_s - self._window_s >= RATE_WINDOW_S:
             self._window_s = now_s
             self._lines_of.clear()

@@ -1,6 +1,5 @@
 """Previews of one instant: small images of all cameras that show it."""
 
-import time
 from collections.abc import AsyncGenerator
 from contextlib import aclosing
 from typing import TYPE_CHECKING
@@ -8,6 +7,7 @@ from typing import TYPE_CHECKING
 from msgspec import Struct
 from msgspec.structs import replace
 
+from capture_app.common import system
 from capture_app.common.errors import NetworkError
 from capture_app.protocol.status import Preview, RigStatus
 from capture_app.rig.rig_link import LinkLost, RigLink
@@ -54,7 +54,7 @@ class InstantPreviews(Struct, frozen=True):
     def age_ns(self) -> int | None:
         """Return the time since the instant in ns, too short by a message's time from the leader; or None."""
         ahead_ns = self.leader_ahead_ns
-        return None if ahead_ns is None else time.monotonic_ns() + ahead_ns - self.instant_ns
+        return None if ahead_ns is None else system.monotonic_ns() + ahead_ns - self.instant_ns
 
     def bgr(self) -> "dict[str, NDArray[np.uint8]]":
         """Return the images by camera, BGR uint8 (height, width, 3), without those that cannot be decoded."""
@@ -130,7 +130,7 @@ async def instant_previews(
                 raise NetworkError(update.reason, hint="look for the leader: capture-app rig list")
             if isinstance(update, RigStatus):
                 states = {node.name: node.state.value for node in update.cameras}
-                moments.hear(update.now_ns, time.monotonic_ns())
+                moments.hear(update.now_ns, system.monotonic_ns())
             if isinstance(update, Preview) and (previews := collect(newest, update)) is not None:
                 absent = {name: state for name, state in states.items() if name not in previews.previews}
                 yield replace(previews, leader_ahead_ns=moments.ahead_ns, absent=absent)

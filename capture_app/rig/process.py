@@ -5,7 +5,6 @@ import contextlib
 import os
 import socket
 import subprocess
-import sys
 import threading
 import time
 from collections.abc import Iterator, Sequence
@@ -16,6 +15,7 @@ import msgspec
 from msgspec import Struct
 from platformdirs import user_state_path
 
+from capture_app.common import system
 from capture_app.common.address import LOOPBACK_HOSTS, Address, own_hosts, parse_address
 from capture_app.common.child import error_of_exit
 from capture_app.common.errors import NetworkError, SimulshotError
@@ -95,7 +95,7 @@ def list_rigs(*, sessions: Path | None = None, port: int | None = None) -> list[
     for path in rigs_folder().glob("*.json"):
         with contextlib.suppress(OSError, ValueError, RecursionError):
             rig = msgspec.json.decode(path.read_bytes(), type=LeaderRecord)
-            if not _runs(rig.pid):
+            if not system.is_running(rig.pid):
                 path.unlink()
             elif port in (None, 0, rig.address.port) and (
                 sessions is None or Path(rig.sessions).resolve() == sessions.resolve()
@@ -198,12 +198,12 @@ def _spawn(options: Sequence[str], sessions: Path, log: Path, is_owned: bool) ->
     arguments = (*places, *(["--until-eof"] if is_owned else []), *options)
     with log.open("wb") as output:
         process = subprocess.Popen(  # noqa: S603 - our own program
-            [sys.executable, "-m", "capture_app.cli", "leader", *arguments],
+            [*system.PYTHON, "-m", "capture_app.cli", "leader", *arguments],
             # The pipe closes with this process, however it ends.
             stdin=subprocess.PIPE if is_owned else subprocess.DEVNULL,
             stdout=output,
             stderr=output,
-            start_new_session=True,
+            **system.child_options({}, in_background=not is_owned),
         )
     threading.Thread(target=_reap, args=(process,), daemon=True).start()
     return process
@@ -216,17 +216,9 @@ def _reap(process: subprocess.Popen[bytes]) -> None:
         process.stdin.close()
 
 
-def _runs(pid: int) -> bool:
-    try:
-        os.kill(pid, 0)
-    except OSError as error:
-        return isinstance(error, PermissionError)
-    return True
-
-
 def _failure(code: int, log: Path) -> SimulshotError:
     """Return the error of a rig that ended at once, from the end of its log."""
-    lines = [line for line in log.read_text(errors="replace").splitlines() if line.strip()]
+    lines = [line for line in log.read_text(encoding="utf-8", errors="replace").splitlines() if line.strip()]
     said = next((line.partition(": error: ")[2] for line in reversed(lines) if ": error: " in line), "")
     return error_of_exit(
         code, said or f"the rig ended with code {code}: {(lines or ['it said nothing'])[-1]}"

@@ -3,8 +3,6 @@
 import asyncio
 import contextlib
 import contextvars
-import os
-import time
 from collections.abc import AsyncGenerator, Coroutine, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from os import PathLike
@@ -12,6 +10,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self, TypeVar
 
+from capture_app.common import system
 from capture_app.common.address import Address, parse_address
 from capture_app.common.errors import BadInputError, IncompleteError, NotAvailableError, SimulshotError
 from capture_app.common.node_state import NodeState
@@ -110,14 +109,14 @@ class AsyncRig:
 
         Raises IncompleteError, with a remedy, on timeout.
         """
-        until_s = time.monotonic() + timeout_s
+        until_s = system.monotonic_s() + timeout_s
         while True:
             status = await self.status()
             here = present_cameras(status)
             ready = [node.name for node in status.nodes if node.state is NodeState.READY]
             if len(here) >= cameras and {*here} <= {*ready}:
                 return status
-            if time.monotonic() > until_s:
+            if system.monotonic_s() > until_s:
                 raise IncompleteError(
                     f"{len(ready)} of {max(cameras, len(here))} cameras are ready after {timeout_s:g} s",
                     hint=status.advice,
@@ -133,7 +132,7 @@ class AsyncRig:
     async def mark(self, text: str, *, local_ns: int | None = None) -> PlacedMark:
         """Note an event, such as a stimulus, in the take under way; its time is that of this call.
 
-        `local_ns`: its `time.monotonic_ns()` on this machine, if it was earlier. Without a take, the rig
+        `local_ns`: its `time.perf_counter_ns()` on this machine, if it was earlier. Without a take, the rig
         stores it in a file beside its sessions. Raises BadInputError for an empty or long text, NetworkError.
         """
         return await place_mark(self.address, text, local_ns)
@@ -196,10 +195,10 @@ class AsyncRig:
         assert pid is not None
         with contextlib.suppress(SimulshotError):
             await give_order(leader, StopRig())
-        with contextlib.suppress(ProcessLookupError):
-            for _ in range(round(RIG_STOP_TIMEOUT_S / LOOK_EVERY_S)):
-                os.kill(pid, 0)
-                await asyncio.sleep(LOOK_EVERY_S)
+        for _ in range(round(RIG_STOP_TIMEOUT_S / LOOK_EVERY_S)):
+            if not system.is_running(pid):
+                break
+            await asyncio.sleep(LOOK_EVERY_S)
 
 
 class Rig:
@@ -254,7 +253,7 @@ class Rig:
 
     def mark(self, text: str, *, local_ns: int | None = None) -> PlacedMark:
         """Note an event in the take under way; its time is that of this call. Raises as in `AsyncRig`."""
-        called_ns = time.monotonic_ns() if local_ns is None else local_ns
+        called_ns = system.monotonic_ns() if local_ns is None else local_ns
         return _run(self._rig.mark(text, local_ns=called_ns))
 
     def take(self, plan: TakePlan) -> Saved:

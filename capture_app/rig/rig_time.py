@@ -5,13 +5,13 @@ whatever the delay in either direction. Several requests are sent, and the tight
 ClockBound, a time is an interval: the earliest and the latest possible.
 """
 
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 from msgspec import Struct
 
+from capture_app.common import system
 from capture_app.common.address import Address
 from capture_app.net.asking import ask
 from capture_app.net.channel import Channel, connect
@@ -32,7 +32,7 @@ class LeaderTime:
     earliest_ns: int
     latest_ns: int
     local_ns: int
-    """This machine's `time.monotonic_ns()` at that moment."""
+    """This machine's `time.perf_counter_ns()` at that moment."""
     unix_less_leader_ns: int
     """Difference of the leader's wall clock (Unix time) and its own clock, ns."""
 
@@ -47,7 +47,7 @@ class LeaderTime:
         return self.latest_ns - self.leader_ns
 
     def at(self, local_ns: int) -> "LeaderTime":
-        """Return the rig's time at another `time.monotonic_ns()`, as far as clocks may drift until then."""
+        """Return the rig's time at another `time.perf_counter_ns()`, as far as clocks may drift."""
         elapsed_ns = local_ns - self.local_ns
         drift_ns = int(abs(elapsed_ns) * MAX_SKEW) + 1
         return LeaderTime(
@@ -68,7 +68,7 @@ class PlacedMark(Struct, frozen=True, kw_only=True):
 
 
 async def read_rig_time(
-    channel: Channel[Any], exchanges: int = EXCHANGES, now_ns: Callable[[], int] = time.monotonic_ns
+    channel: Channel[Any], exchanges: int = EXCHANGES, now_ns: Callable[[], int] = system.monotonic_ns
 ) -> LeaderTime:
     """Return the rig's time now, by exchanges over an open stream.
 
@@ -106,10 +106,10 @@ async def rig_time(leader: Address) -> LeaderTime:
 async def place_mark(leader: Address, text: str, local_ns: int | None = None) -> PlacedMark:
     """Note an event in the take under way; its time is that of the call, however long the leader takes.
 
-    `local_ns`: the event's `time.monotonic_ns()` on this machine, if it was earlier. Raises BadInputError for
-    a text that is empty or too long, NetworkError, and UnknownMachineError without the right.
+    `local_ns`: the event's `time.perf_counter_ns()` on this machine, if it was earlier. Raises BadInputError
+    for a text that is empty or too long, NetworkError, and UnknownMachineError without the right.
     """
-    called_ns = time.monotonic_ns() if local_ns is None else local_ns
+    called_ns = system.monotonic_ns() if local_ns is None else local_ns
     check_mark_text(text)
     async with await connect(leader, messages.FromLeader) as channel:
         now = (await read_rig_time(channel)).at(called_ns)

@@ -18,6 +18,7 @@ from typing import Annotated, Any
 import msgspec
 from msgspec import Meta
 
+from capture_app.common import system
 from capture_app.common.errors import BadInputError, DiskError
 from capture_app.common.file_system_limits import is_missing
 from capture_app.common.pairing_codes import pin_of
@@ -73,7 +74,7 @@ def _put(part: Path, path: Path) -> None:
             raise
         if path.exists():
             raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), str(path)) from error
-        part.replace(path)
+        system.replace(part, path)
 
 
 @contextlib.contextmanager
@@ -84,12 +85,12 @@ def private_part(path: Path, data: bytes) -> Iterator[Path]:
     """
     path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
     part = path.with_name(f".{path.name}.{secrets.token_hex(8)}")
-    handle = os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+    handle = system.open_file(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode=0o600)
     try:
         with os.fdopen(handle, "wb") as file:
             file.write(data)
             file.flush()
-            os.fsync(handle)
+            system.sync_data(handle)
         yield part
     finally:
         part.unlink(missing_ok=True)

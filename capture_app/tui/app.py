@@ -4,7 +4,6 @@ import asyncio
 import contextlib
 import gc
 import os
-import signal
 import threading
 import time
 from collections.abc import Iterable, Sequence
@@ -18,6 +17,7 @@ from textual.app import App, SystemCommand
 from textual.binding import Binding, BindingType
 from textual.screen import Screen
 
+from capture_app.common import system
 from capture_app.common.errors import SimulshotError
 from capture_app.common.node_state import NodeState
 from capture_app.common.text import count, printable
@@ -161,7 +161,7 @@ class SimulshotApp(App[None]):
             )
         self._settings.on_change = self._save_settings
         with contextlib.suppress(NotImplementedError, ValueError):  # not in the main thread, as in tests
-            asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, self.exit)
+            system.on_end(self.exit)
         self.screen_change_signal.subscribe(self, self._notify_screen)
         self.theme_changed_signal.subscribe(self, lambda theme: self._settings.remember("theme", theme.name))
         self._follow()

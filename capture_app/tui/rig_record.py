@@ -1,7 +1,6 @@
 """Record of the rig's updates for views that open later, and the messages between the app and its views."""
 
 import math
-import time
 from bisect import bisect_right
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
@@ -14,6 +13,7 @@ from msgspec.structs import replace
 from textual.message import Message
 from textual.widget import Widget
 
+from capture_app.common import system
 from capture_app.common.errors import SimulshotError
 from capture_app.common.node_state import NodeState
 from capture_app.protocol.status import LogLine, RigStatus
@@ -28,7 +28,7 @@ PHASE_HISTORY_S = 35.0
 class RigRecord:
     """Latest status, newest log lines, and each camera's phase error over the last half minute."""
 
-    clock: Callable[[], float] = time.monotonic
+    clock: Callable[[], float] = system.monotonic_s
     """Monotonic clock, in seconds."""
     status: RigStatus | None = None
     lost: str = ""

@@ -9,6 +9,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
+from capture_app.common import system
 from capture_app.common.errors import BadInputError, DiskError
 from capture_app.trust.identity import private_part
 
@@ -72,7 +73,7 @@ def own_certificate(folder: Path, hosts: Iterable[str], now: datetime.datetime) 
     try:
         if not _is_good(path, now):
             with private_part(path, _new_pem(hosts, now)) as part:
-                part.replace(path)
+                system.replace(part, path)
         return load_certificate(path)
     except OSError as error:
         raise DiskError(

@@ -1,15 +1,14 @@
 """`reconstruct live`: depth of a running rig's previews; `capture-app` starts it, so it is hidden."""
 
-import os
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from time import monotonic
 from typing import TypeVar
 
 import click
 import msgspec
 
+from capture_app.common import system
 from capture_app.common.errors import BadInputError, NotApplicableError, SimulshotError
 from capture_app.common.text import UNREADABLE
 from capture_app.session.format.live_depth import (
@@ -50,8 +49,8 @@ def live() -> None:
         decoded = ((name, decode_preview(jpeg)) for name, jpeg in given.jpegs.items())
         images = {name: image for name, image in decoded if image is not None}
         answer = DepthPreview(given.instant_ns, given.camera)
-        if engine is None and monotonic() >= due_s:
-            due_s = monotonic() + LOOK_S
+        if engine is None and system.monotonic_s() >= due_s:
+            due_s = system.monotonic_s() + LOOK_S
             views = find_rig_views(modes, folder)
             engine = LiveDepth(views, WIDTH_PX) if views else None
         try:
@@ -61,7 +60,7 @@ def live() -> None:
             jpeg = encode_image(colour_depth(depth.depth, *depth.depth_range))
             answer = msgspec.structs.replace(answer, jpeg=jpeg, moving_confirmed=depth.moving_confirmed)
             if is_first:
-                os.nice(LATER_NICENESS)
+                system.lower_priority(LATER_NICENESS)
                 is_first = False
         except SimulshotError as error:
             answer = msgspec.structs.replace(answer, problem=str(error))

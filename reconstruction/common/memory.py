@@ -5,10 +5,9 @@ for the scale, or the number of parallel jobs, that fits. Changes due to the bud
 and the result.
 """
 
-import ctypes
+import mmap
 import os
 import re
-import resource
 import threading
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Iterator
@@ -17,13 +16,13 @@ from contextvars import ContextVar
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
+from capture_app.common import system
 from capture_app.common.errors import BadInputError
 
 if TYPE_CHECKING:
     from reconstruction.common.geometry import Array
 
 T = TypeVar("T")
-_UNLIMITED = 1 << 62
 DEFAULT_FRACTION = 0.5
 """Fraction of the free memory at the start of a command that is the default budget."""
 MAX_BY_DEFAULT = 3 << 30
@@ -33,40 +32,17 @@ MEMORY = "SIMULSHOT_MEMORY"
 """Environment variable with a budget that is asked for, such as 800MB or 8GB."""
 SCALE_STEP = 2**-0.25
 MIN_SCALE = 1 / 16
-_MAX_HEAPS = -8
-"""M_ARENA_MAX of glibc's malloc.h."""
 _UNITS = {"K": 1e3, "M": 1e6, "G": 1e9, "T": 1e12, "Ki": 2**10, "Mi": 2**20, "Gi": 2**30, "Ti": 2**40}
-
-
-def usable_cores() -> list[int]:
-    """Return the numbers of the processor cores that this process may use."""
-    return sorted(os.sched_getaffinity(0))
-
-
-def share_heaps() -> None:
-    """Let this process's threads share one heap a core, before any thread starts; only glibc has several.
-
-    By default every new thread gets its own, up to eight a core, and each holds what was freed in it.
-    """
-    with suppress(AttributeError, OSError):
-        ctypes.CDLL(None).mallopt(_MAX_HEAPS, len(usable_cores()))
 
 
 def free_memory() -> int:
     """Return the bytes that this process can still allocate."""
-    return max(0, min(_machine_memory(), _group_memory(), _process_memory()))
-
-
-def _machine_memory() -> int:
-    with suppress(OSError):
-        if matched := re.search(r"^MemAvailable: +(\d+)", Path("/proc/meminfo").read_text(), re.MULTILINE):
-            return int(matched[1]) << 10
-    return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") // 2
+    return max(0, min(system.machine_memory(), _group_memory(), _process_memory()))
 
 
 def _group_memory() -> int:
     """Return the control group's remaining memory, as in a container or SLURM job; cached files are free."""
-    lowest = _UNLIMITED
+    lowest = system.NO_LIMIT
     for limit, usage, root in (
         ("memory.max", "memory.current", Path("/sys/fs/cgroup")),
         ("memory.limit_in_bytes", "memory.usage_in_bytes", Path("/sys/fs/cgroup/memory")),
@@ -82,7 +58,7 @@ def _group_folders(root: Path) -> list[Path]:
     """Return the folders of this process's control group and of all its ancestors."""
     folders = [root]
     with suppress(OSError, IndexError):
-        for line in Path("/proc/self/cgroup").read_text().splitlines():
+        for line in Path("/proc/self/cgroup").read_text(encoding="utf-8").splitlines():
             _, kinds, path = line.split(":", 2)
             if kinds in ("", "memory"):
                 own = root / path.strip("/")
@@ -91,16 +67,14 @@ def _group_folders(root: Path) -> list[Path]:
 
 
 def _cached_files(stat: Path) -> int:
-    matched = re.search(r"^(?:total_)?inactive_file (\d+)", stat.read_text(), re.MULTILINE)
+    matched = re.search(r"^(?:total_)?inactive_file (\d+)", stat.read_text(encoding="utf-8"), re.MULTILINE)
     return int(matched[1]) if matched else 0
 
 
 def _process_memory() -> int:
-    limit, _ = resource.getrlimit(resource.RLIMIT_AS)
-    if limit == resource.RLIM_INFINITY:
-        return _UNLIMITED
+    limit = system.address_space()
     with suppress(OSError, ValueError, IndexError):
-        return limit - int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+        return limit - int(Path("/proc/self/statm").read_text(encoding="utf-8").split()[0]) * mmap.PAGESIZE
     return limit
 
 

@@ -148,13 +148,12 @@ def claim_output() -> None:
 
 
 def _silence(*streams: int) -> None:
-    nowhere = os.open(os.devnull, os.O_WRONLY)
-    for stream in streams:
-        # A closed stream stays closed.
-        with suppress(OSError):
-            _originals[stream] = os.dup(stream)
-            os.dup2(nowhere, stream)
-    os.close(nowhere)
+    with open(os.devnull, "wb") as nowhere:  # noqa: PTH123
+        for stream in streams:
+            # A closed stream stays closed.
+            with suppress(OSError):
+                _originals[stream] = os.dup(stream)
+                os.dup2(nowhere.fileno(), stream)
 
 
 def load_open3d() -> ModuleType:

@@ -10,7 +10,8 @@ from typing import ParamSpec, TypeVar, cast
 
 import cv2
 
-from reconstruction.common.memory import memory_budget, usable_cores
+from capture_app.common import system
+from reconstruction.common.memory import memory_budget
 
 P = ParamSpec("P")
 Result = TypeVar("Result")
@@ -29,7 +30,7 @@ def max_workers(bytes_each: float = SWEEP_BYTES) -> int:
 
 def worker_count(bytes_each: float = SWEEP_BYTES) -> int:
     """Return one worker per core, at most `max_workers`."""
-    return min(max_workers(bytes_each), len(usable_cores()))
+    return min(max_workers(bytes_each), len(system.usable_cores()))
 
 
 def _adopt(context: Context) -> None:

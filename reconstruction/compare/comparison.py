@@ -1,6 +1,5 @@
 """`reconstruct compare`: the effect of synchronization on one burst, measured by all installed studies."""
 
-import time
 from collections.abc import Callable, Generator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from contextlib import closing, suppress
@@ -11,11 +10,11 @@ from typing import Any, Self, TypeVar
 
 from msgspec import structs
 
+from capture_app.common import system
 from capture_app.common.errors import BadInputError
 from capture_app.common.instants import COMPARED_MS
 from capture_app.console.terminal import Progress, talk
 from capture_app.session.files.output_folder import OutputFolder
-from reconstruction.common.memory import usable_cores
 from reconstruction.common.options import compare_keywords
 from reconstruction.common.outputs import REPORT, comparison_folder, write_metrics
 from reconstruction.common.worker_pool import worker_pool
@@ -118,7 +117,7 @@ def run_in_order(
             f"studies need each other's results: {', '.join(error.args[1])}",
             hint="leave one out: --study names those to make",
         ) from error
-    with worker_pool(min(MAX_SIDE_BY_SIDE, len(usable_cores()))) as pool:
+    with worker_pool(min(MAX_SIDE_BY_SIDE, len(system.usable_cores()))) as pool:
         while order.is_active():
             for name in sorted(order.get_ready(), key=list(needs).index):
                 running[pool.submit(run, name)] = name
@@ -133,7 +132,7 @@ class Comparison:
 
     def __init__(self, session: Path, output: OutputFolder, options: CompareOptions) -> None:
         """Open the session, and check everything that can be refused before it takes long; see `compare`."""
-        self._began_s = time.monotonic()
+        self._began_s = system.monotonic_s()
         scene = Scene.open(session, options.time_shifts_ms)
         self.against = None if options.against is None else Scene.open(options.against)
         for opened in filter(None, (scene, self.against)):

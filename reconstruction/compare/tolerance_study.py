@@ -1,6 +1,5 @@
 """`reconstruct tolerance`: a pair's depth against offset in both directions, and the tolerated delay."""
 
-import time
 from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import replace
@@ -12,6 +11,7 @@ import cv2
 import numpy as np
 from msgspec import structs
 
+from capture_app.common import system
 from capture_app.common.errors import BadInputError, NotAvailableError
 from capture_app.common.instants import COMPARED_MS
 from capture_app.console.terminal import Progress
@@ -150,7 +150,7 @@ def measure_tolerance(
     Raises:
         SimulshotError: the session, the options or the folder cannot be used, or no depth can be computed.
     """
-    began = time.monotonic()
+    began = system.monotonic_s()
     scene = Scene.open(session, time_shifts_ms)
     scene.given  # noqa: B018  (refuses one that does not fit the images)
     steps = whole_frame_offsets(scene.dataset, max_offset_ms)

@@ -4,11 +4,11 @@ from collections import deque
 from collections.abc import Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from time import monotonic
 
 import cv2
 import numpy as np
 
+from capture_app.common import system
 from capture_app.common.errors import BadInputError, NotApplicableError
 from reconstruction.common.geometry import Array, View, resize_view
 from reconstruction.depth.calibrated_image import CalibratedImage, SourceView, matching_noise
@@ -112,9 +112,9 @@ class LiveDepth:
 
     def _look(self, images: Mapping[str, CalibratedImage]) -> RoughScene:
         """Return where the scene is; search it again in the background, as what moves may come nearer."""
-        if self._looking is None and (self._scene is None or monotonic() > self._due_s):
+        if self._looking is None and (self._scene is None or system.monotonic_s() > self._due_s):
             self._looking = self._pool.submit(find_rough_scene, images)
-            self._due_s = monotonic() + LOOK_S
+            self._due_s = system.monotonic_s() + LOOK_S
             self._noise.clear()
         if self._looking is not None and (self._scene is None or self._looking.done()):
             looking, self._looking = self._looking, None

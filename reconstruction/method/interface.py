@@ -1,7 +1,6 @@
 """Interface of a method: its command, Python, batches and comparisons are derived from it."""
 
 import sys
-import time
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
 from importlib.resources import files
@@ -11,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import msgspec
 
+from capture_app.common import system
 from capture_app.common.plugins import load_plugin, load_plugins
 from capture_app.common.text import pretty_json
 from capture_app.console.terminal import Progress
@@ -157,7 +157,7 @@ class Method(Check, frozen=True, kw_only=True, dict=True):
         """
         from reconstruction.scene.provenance import with_provenance
 
-        began_s = time.monotonic()
+        began_s = system.monotonic_s()
         output = self.output_folder(out)
         self.require()
         with output:

@@ -1,12 +1,12 @@
 """Provenance of a result: what every command records about its own run, filled in one place."""
 
-import time
 from collections.abc import Mapping
 from types import MappingProxyType
 from typing import TypeVar
 
 from msgspec import Struct, structs
 
+from capture_app.common import system
 from reconstruction.common.memory import memory_budget
 from reconstruction.common.native_libraries import library_versions
 from reconstruction.common.picture_checksums import picture_checks
@@ -33,11 +33,11 @@ R = TypeVar("R", bound=Provenance)
 def with_provenance(
     result: R, began_s: float, time_shifts_ms: Mapping[str, float] = MappingProxyType({})
 ) -> R:
-    """Return the result of a run that began at `began_s` (time.monotonic), with its provenance until now."""
+    """Return the result of a run that began at `began_s` (`monotonic_s`), with its provenance until now."""
     return structs.replace(
         result,
         time_shifts_ms=dict(time_shifts_ms),
-        seconds=round(time.monotonic() - began_s, 3),
+        seconds=round(system.monotonic_s() - began_s, 3),
         memory_notes=memory_budget().notes,
         changed_pictures=picture_checks().changed,
         versions=library_versions(),

@@ -1,11 +1,11 @@
 """Time offsets of all cameras of a session, from a blinking lamp if one is seen, else from motion."""
 
-import time
 from math import comb
 from pathlib import Path
 
 from msgspec import Struct, structs
 
+from capture_app.common import system
 from capture_app.common.errors import BadInputError, NotApplicableError
 from capture_app.console.terminal import Progress
 from capture_app.session.format.common_times import REFERENCE, CameraTimes
@@ -46,7 +46,7 @@ def measure_times(
     Raises:
         SimulshotError: the session cannot be used, has no such camera, or its cameras cannot be calibrated.
     """
-    began = time.monotonic()
+    began = system.monotonic_s()
     scene = Scene.open(session)
     dataset = scene.dataset
     dataset.require_cameras(2, "a time offset is measured between two")
@@ -103,7 +103,7 @@ def measure_times(
             for name, camera in cameras.items()
         },
         calibration=calibration,
-        seconds=time.monotonic() - began,
+        seconds=system.monotonic_s() - began,
         applied=apply,
         repaired=repair_drops,
     )

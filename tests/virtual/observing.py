@@ -2,12 +2,12 @@
 
 import asyncio
 import contextlib
-import time
 from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING, Any
 from unittest.mock import patch
 from weakref import WeakKeyDictionary
 
+from capture_app.common import system
 from capture_app.common.node_state import NodeState
 from capture_app.net.channel import Channel
 from capture_app.node import joining
@@ -159,5 +159,5 @@ def _seldom() -> Iterator[contextlib.AbstractContextManager[Any]]:
     yield patch.object(poll_schedule.SteadySchedule, "estimated", estimated)
     yield patch.multiple(poll_schedule, **FEW)
     # Its default is the clock that was the host's when it was defined.
-    yield patch.object(rig_time.read_rig_time, "__defaults__", (rig_time.EXCHANGES, time.monotonic_ns))
+    yield patch.object(rig_time.read_rig_time, "__defaults__", (rig_time.EXCHANGES, system.monotonic_ns))
     yield patch.object(frame_line, "EVERY_FRAMES", SEARCH_EVERY_FRAMES)

@@ -21,7 +21,7 @@ from dataclasses import dataclass, field
 from typing import Any
 from unittest.mock import patch
 
-from capture_app.common import host_clock
+from capture_app.common import host_clock, system
 from capture_app.common.host_clock import HostReadings, read_pair
 
 START_NS = 1_000_000_000_000
@@ -392,13 +392,13 @@ class World:
 
             replaced(
                 time,
-                monotonic_ns=lambda: self.now_ns,
                 monotonic=lambda: self.now_ns / 1e9,
                 time_ns=lambda: WALL_NS + self.now_ns,
                 time=lambda: (WALL_NS + self.now_ns) / 1e9,
                 clock_gettime_ns=clock_ns,
                 sleep=lambda _: None,
             )
+            replaced(system, monotonic_ns=lambda: self.now_ns, monotonic_s=lambda: self.now_ns / 1e9)
             # What it has read of the host's clocks, before and afterwards, is of another time.
             replaced(host_clock, _readings=HostReadings(read_pair))
             replaced(

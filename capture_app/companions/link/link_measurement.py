@@ -2,7 +2,6 @@
 
 import asyncio
 import random
-import time
 from collections.abc import AsyncIterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass
@@ -11,6 +10,7 @@ from typing import Any, Literal
 
 from msgspec import Struct
 
+from capture_app.common import system
 from capture_app.common.address import Address, resolve
 from capture_app.common.clock import HostClock, NodeClock
 from capture_app.common.errors import NetworkError
@@ -119,7 +119,7 @@ async def synchronize(
 ) -> Synchronization:
     """Join the leader at an address, take the samples, and leave. Raises NetworkError."""
     family, peer = await resolve(address)
-    pump = Pump(SinglePeerEngine(link.client, peer), clock, lambda: link.note_events(time.monotonic()))
+    pump = Pump(SinglePeerEngine(link.client, peer), clock, lambda: link.note_events(system.monotonic_s()))
     pump.start(client_socket(family))
     try:
         await asyncio.wait_for(link.joined.wait(), JOIN_TIMEOUT_S)

@@ -1,13 +1,13 @@
 """`capture-app monitor`: a page for the director's phone or tablet, and the QR code that opens it."""
 
 import asyncio
-import time
 from pathlib import Path
 
 import click
 
 from capture_app.commands.leader_choice import inviting_phones
 from capture_app.commands.shared_options import leader_option, page_options, run_until_stopped
+from capture_app.common import system
 from capture_app.common.address import Address
 from capture_app.companions.monitor import DEFAULT_PORT
 from capture_app.console.terminal import json_option
@@ -39,7 +39,7 @@ async def _run(leader: Address, host: str, port: int | None, certificate: Path |
 
     await ask_status(leader)
     rig = await attach(leader=leader)
-    page = ListeningPage(Admission(time.monotonic, "monitor"), host, port, DEFAULT_PORT, certificate)
+    page = ListeningPage(Admission(system.monotonic_s, "monitor"), host, port, DEFAULT_PORT, certificate)
     async with (
         serving_monitor(RigLink(leader), page, is_local=rig.is_local),
         inviting_phones(page.invitation, as_json),

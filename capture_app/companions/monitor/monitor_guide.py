@@ -1,11 +1,11 @@
 """Dialog of the terminal UI that shows how a phone or tablet becomes a monitor, and serves its page."""
 
 import asyncio
-import time
 from collections.abc import Callable, Coroutine
 from functools import cached_property
 from typing import TYPE_CHECKING
 
+from capture_app.common import system
 from capture_app.common.address import ANY_HOST
 from capture_app.companions.monitor import DEFAULT_PORT
 from capture_app.protocol.orders import PhoneInvited
@@ -47,7 +47,7 @@ class MonitorGuide:
         from capture_app.web.admission import Admission
         from capture_app.web.paired_page import ListeningPage
 
-        page = ListeningPage(Admission(time.monotonic, "monitor"), ANY_HOST[1], None, DEFAULT_PORT)
+        page = ListeningPage(Admission(system.monotonic_s, "monitor"), ANY_HOST[1], None, DEFAULT_PORT)
         self._run(self._serve(page))
         return page
 

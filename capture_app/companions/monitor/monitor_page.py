@@ -6,7 +6,6 @@ The feed keeps only the newest of each message and picture, so a monitor on a sl
 import asyncio
 import contextlib
 import math
-import time
 from collections.abc import AsyncIterator, Sequence
 from http import HTTPStatus
 from pathlib import Path
@@ -16,6 +15,7 @@ import msgspec
 from aiohttp import WSMsgType, web
 from msgspec import Struct
 
+from capture_app.common import system
 from capture_app.common.child import LOWEST_PRIORITY, ask_reconstruct
 from capture_app.common.errors import IncompleteError, SimulshotError, UnknownMachineError
 from capture_app.common.names import natural_order
@@ -98,7 +98,7 @@ class MonitorFeed:
                         self._moments = LeaderMoments()
                         self._say("lost", reason=update.reason)
                     case RigStatus():
-                        self._moments.hear(update.now_ns, time.monotonic_ns())
+                        self._moments.hear(update.now_ns, system.monotonic_ns())
                         self._say("lost", reason="")
                         self._show_status(update)
         finally:
@@ -267,7 +267,7 @@ class MonitorFeed:
             self._notify()
 
     def _show_live(self, previews: Sequence[Preview]) -> None:
-        now_ns = time.monotonic_ns()
+        now_ns = system.monotonic_ns()
         for each in previews:
             self.live[each.camera] = LivePicture(each.jpeg, self._moments.here_ns(each.leader_ns, now_ns))
         if previews:
@@ -420,7 +420,7 @@ class _Monitor:
         self._unacknowledged.add(LIVE)
         for name, shown in new.items():
             await self._send_picture(f"live/{name}", shown.jpeg)
-        now_ns = time.monotonic_ns()
+        now_ns = system.monotonic_ns()
         ages_s = {name: round((now_ns - shown.moment_ns) * 1e-9, 3) for name, shown in new.items()}
         await self._link.send(msgspec.json.encode({"type": LIVE, "ages_s": ages_s}).decode())
 

@@ -2,7 +2,6 @@
 
 import asyncio
 import re
-import time
 from pathlib import Path
 
 import click
@@ -14,6 +13,7 @@ from capture_app.commands.shared_options import (
     run_until_stopped,
     spool_option,
 )
+from capture_app.common import system
 from capture_app.common.address import Address
 from capture_app.console.terminal import ParsedType, json_option, log_line
 from capture_app.console.usage import examples
@@ -87,7 +87,7 @@ async def _run(
     from capture_app.web.admission import Admission
     from capture_app.web.paired_page import ListeningPage
 
-    admission = Admission(time.monotonic)
+    admission = Admission(system.monotonic_s)
     page = ListeningPage(admission, host, port, DEFAULT_PORT, certificate)
     nodes = PhoneNodes(leaders, spool, log_line, sound=sound)
     gateway = PhoneGateway(admission, nodes.add, size, sound=sound)

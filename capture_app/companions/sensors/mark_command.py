@@ -1,11 +1,11 @@
 """`capture-app mark`: note an event at the rig's time."""
 
 import asyncio
-import time
 
 import click
 
 from capture_app.commands.shared_options import leader_option
+from capture_app.common import system
 from capture_app.common.address import Address
 from capture_app.common.text import duration
 from capture_app.console.terminal import answer, json_option
@@ -26,7 +26,7 @@ def mark(text: str, leader: Address, as_json: bool) -> None:
     open_session(...).marks. Without a take, it is stored in marks.ndjson in the rig's sessions folder. For
     events to the millisecond use rig.mark in Python, as a command takes a while to start.
     """
-    called_ns = time.monotonic_ns()
+    called_ns = system.monotonic_ns()
     from capture_app.rig.rig_time import place_mark
 
     placed = asyncio.run(place_mark(leader, text, called_ns))

@@ -11,6 +11,7 @@ import struct
 import time
 from pathlib import Path
 
+from capture_app.common import system
 from capture_app.common.address import Address
 from capture_app.common.errors import NetworkError, NotAvailableError
 from capture_app.net.channel import connect
@@ -64,7 +65,7 @@ async def feed_chrony(leader: Address, path: Path, every_s: float = SAMPLE_EVERY
 
 
 def _send(sock: socket.socket, path: Path, now: LeaderTime) -> None:
-    local_ns, system_ns = time.monotonic_ns(), time.time_ns()
+    local_ns, system_ns = system.monotonic_ns(), time.time_ns()
     try:
         sock.send(sock_sample(now.at(local_ns), system_ns))
     except (ConnectionError, FileNotFoundError):

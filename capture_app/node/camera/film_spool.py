@@ -16,6 +16,7 @@ from typing import TypeVar
 import msgspec
 from msgspec import Struct
 
+from capture_app.common import system
 from capture_app.common.bounds import Count
 from capture_app.protocol.messages import ImageUpload
 from capture_app.session.files.disk import disk_error, disk_errors
@@ -162,10 +163,8 @@ class SpooledFilm:
                     segment, offset = place
                     try:
                         if segment not in handles:
-                            handles[segment] = os.open(
-                                segment.path, os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW
-                            )
-                        data = os.pread(handles[segment], frame.bytes, offset)
+                            handles[segment] = system.open_file(segment.path, os.O_RDONLY, follow_links=False)
+                        data = system.read_at(handles[segment], frame.bytes, offset)
                     except FileNotFoundError:
                         data = b""
                     images.append(data if len(data) == frame.bytes else None)
@@ -210,7 +209,7 @@ class SpooledFilm:
                 self._number = max((int(stem) for stem in left if stem.isdecimal()), default=0)
             self._number += 1
             segment = Segment(self._folder / f"{self._number:06d}{FILM}")
-            self._handle = os.open(segment.path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
+            self._handle = system.open_file(segment.path, os.O_WRONLY | os.O_CREAT | os.O_EXCL)
             self._current, self._lines = segment, AppendOnlyFile(segment.index)
         return self._current, self._lines
 

@@ -11,7 +11,7 @@ from capture_app.cameras.specs import parse_spec
 from capture_app.common.address import Address
 from capture_app.common.child import Child
 from capture_app.common.errors import BadInputError, NetworkError
-from capture_app.common.names import check_name, free_name
+from capture_app.common.names import check_name, find_alike, free_name
 from capture_app.common.passwords import hide_password
 from capture_app.common.tasks import first_of, has_come
 from capture_app.common.timeouts import NODE_START_TIMEOUT_S, PHONES_START_TIMEOUT_S
@@ -191,8 +191,8 @@ class LocalNodes:
         await asyncio.gather(self.phones.close(), *(self.remove(name) for name in tuple(self._children)))
 
     def _check(self, name: str, taken: Collection[str]) -> None:
-        if name in self._children or name in taken:
-            raise BadInputError(f"a node named {name} already exists", hint="choose another name")
+        if (alike := find_alike(name, (*self._children, *taken))) is not None:
+            raise BadInputError(f"a node named {alike} already exists", hint="choose another name")
         if len(self._children) >= MAX_NODES:
             raise BadInputError(
                 f"{MAX_NODES} nodes already run on this machine",

@@ -1,11 +1,11 @@
 """What the file system of a folder lacks, tried with a hidden folder in it."""
 
-import fcntl
 import os
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
+from capture_app.common import system
 from capture_app.common.file_system_limits import is_missing
 
 
@@ -14,17 +14,17 @@ def missing_abilities(folder: Path) -> list[str]:
     with tempfile.TemporaryDirectory(prefix=".simulshot-", dir=folder) as name:
         file = Path(name) / "file"
         file.touch()
-        handle = os.open(name, os.O_RDONLY | os.O_DIRECTORY)
+        handle = system.open_folder(Path(name))
         tries: tuple[tuple[str, str, Callable[[], object]], ...] = (
             (
                 "fsync",
                 "folders cannot be synced: a power cut may lose the newest files",
-                lambda: os.fsync(handle),
+                lambda: system.sync_path(Path(name)),
             ),
             (
                 "flock",
                 "no locks: one machine may use it at a time",
-                lambda: fcntl.flock(handle, fcntl.LOCK_EX),
+                lambda: system.flock(handle),
             ),
             (
                 "link",

@@ -37,7 +37,10 @@ def reserve(path: Path, size: int) -> None:
     """Reserve `size` bytes of disk space in an empty file. Raises OSError if there is not enough."""
     with path.open("wb") as file:
         try:
-            os.posix_fallocate(file.fileno(), 0, size)
+            if (allocate := getattr(os, "posix_fallocate", None)) is not None:
+                allocate(file.fileno(), 0, size)
+            else:
+                file.write(bytes(size))
         except OSError as error:
             path.unlink()
             # Some file systems cannot reserve space; then a full disk costs the manifest, which repair

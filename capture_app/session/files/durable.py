@@ -1,7 +1,5 @@
 """Atomic and durable files: write to a temporary name, sync, rename, and sync the folder."""
 
-import ctypes
-import errno
 import os
 import shutil
 from collections.abc import Iterable
@@ -10,6 +8,7 @@ from contextlib import suppress
 from itertools import chain, count
 from pathlib import Path
 
+from capture_app.common import system
 from capture_app.common.file_system_limits import is_missing
 
 FEW_SYNCS, MAX_SYNCS = 2, 16
@@ -20,7 +19,7 @@ PART = ".part"
 
 def sync_folder(folder: Path) -> None:
     """Make the names in a folder survive a power cut."""
-    _sync(folder, os.O_DIRECTORY)
+    _sync(folder)
 
 
 def sync_tree(folder: Path) -> None:
@@ -51,50 +50,22 @@ def sync_all(paths: Iterable[Path]) -> dict[Path, OSError]:
         return {path: error for path, error in zip(each, errors, strict=True) if error is not None}
 
 
-def _sync(path: Path, kind: int = 0) -> None:
-    handle = os.open(path, os.O_RDONLY | kind)
+def _sync(path: Path) -> None:
     try:
-        os.fsync(handle)
+        system.sync_path(path)
     except OSError as error:
         if not is_missing("fsync", error.errno) or not path.is_dir():
             raise
-    finally:
-        os.close(handle)
-
-
-def exchange_folders(one: Path, other: Path) -> bool:
-    """Swap two folders of one file system atomically; return False if the system does not support it.
-
-    Raises OSError. Uses Linux' renameat2(2) with RENAME_EXCHANGE.
-    """
-    return _renameat2(one, other, 2)
 
 
 def move_folder(folder: Path, target: Path) -> None:
     """Rename a folder on its file system atomically and durably, without replacing another.
 
-    Raises FileExistsError if `target` exists; OSError. Uses Linux' renameat2(2) with RENAME_NOREPLACE; a
-    system without it can replace an empty folder that is created at the same moment.
+    Raises FileExistsError if `target` exists; OSError.
     """
-    if not _renameat2(folder, target, 1):
-        if target.exists():
-            raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), str(target))
-        folder.rename(target)
+    system.move_new(folder, target)
     sync_folder(target.parent)
     sync_folder(folder.parent)
-
-
-def _renameat2(one: Path, other: Path, how: int) -> bool:
-    here = -100  # AT_FDCWD
-    renameat2 = getattr(ctypes.CDLL(None, use_errno=True), "renameat2", None)
-    if renameat2 is None:
-        return False
-    if renameat2(here, os.fsencode(one), here, os.fsencode(other), how) == 0:
-        return True
-    code = ctypes.get_errno()
-    if is_missing("renameat2", code):
-        return False
-    raise OSError(code, os.strerror(code), str(other))
 
 
 def free_name(path: Path) -> Path:
@@ -110,14 +81,14 @@ def write_atomic(path: Path, data: bytes | memoryview, *, synced: bool = True) -
     """
     aside = path.with_name(path.name + PART)
     try:
-        handle = os.open(aside, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, 0o666)
+        handle = system.open_file(aside, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
         try:
             write_all(handle, data)
             if synced:
-                os.fsync(handle)
+                system.sync_data(handle)
         finally:
             os.close(handle)
-        aside.replace(path)
+        system.replace(aside, path)
     except OSError:
         # On a full disk the partial file would occupy space that other files need.
         with suppress(OSError):
@@ -180,7 +151,7 @@ class AppendOnlyFile:
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        self._handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC, 0o666)
+        self._handle = system.open_file(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND)
         self._length = os.fstat(self._handle).st_size
 
     def append(self, *lines: bytes, durable: bool) -> None:
@@ -189,7 +160,7 @@ class AppendOnlyFile:
         try:
             write_all(self._handle, data)
             if durable:
-                os.fdatasync(self._handle)
+                system.sync_data(self._handle)
         except OSError as error:
             # Later lines must not continue a partial one.
             with suppress(OSError):

@@ -1,16 +1,14 @@
 """Locks between processes, which the system releases when their holder exits or is killed.
 
-They are flock's. On a file system without it (NFS without lockd, WSL 1, some Lustre) they are names of
-sockets, which keep out the processes of this machine only.
+They are flock's. On a file system without it (NFS without lockd, WSL 1, some Lustre) and on Windows they are
+names, which keep out the processes of this machine only.
 """
 
-import errno
-import fcntl
 import os
-import socket
 import time
 from pathlib import Path
 
+from capture_app.common import system
 from capture_app.common.errors import TryAgainError, reading
 from capture_app.common.file_system_limits import is_missing
 from capture_app.session.files.durable import make_folders
@@ -19,37 +17,33 @@ _TRIES = 5
 _READER_S = 0.005
 
 
-def lock_handle(handle: int, *, wait: bool = False, how: int = fcntl.LOCK_EX) -> os.stat_result:
+def lock_handle(handle: int, *, wait: bool = False, shared: bool = False) -> os.stat_result:
     """Lock an open file or folder until its handle is closed; return its status.
 
-    Where the file system has no locks, the handle becomes that of a socket. Raises BlockingIOError if another
-    process holds the lock and `wait` is not set; OSError.
+    Where the file system has no locks, the handle becomes that of a held name. Raises BlockingIOError if
+    another process holds the lock and `wait` is not set; OSError.
     """
     status = os.fstat(handle)
     try:
-        fcntl.flock(handle, how | (0 if wait else fcntl.LOCK_NB))
+        system.flock(handle, shared=shared, wait=wait)
         return status
     except OSError as error:
         if not is_missing("flock", error.errno):
             raise
-    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as named:
-        while True:
-            try:
-                named.bind(f"\0simulshot-lock-{status.st_dev}-{status.st_ino}")
-                os.dup2(named.fileno(), handle, inheritable=False)
-                return status
-            except OSError as error:
-                if error.errno != errno.EADDRINUSE:
-                    raise
-                if not wait:
-                    raise BlockingIOError(errno.EWOULDBLOCK, os.strerror(errno.EWOULDBLOCK)) from error
-            time.sleep(_READER_S)
+    while True:
+        try:
+            system.hold_name(handle, f"simulshot-lock-{status.st_dev}-{status.st_ino}")
+            return status
+        except BlockingIOError:
+            if not wait:
+                raise
+        time.sleep(_READER_S)
 
 
 def lock_folder(folder: Path) -> int:
     """Lock a session's folder against other writers. Raises TryAgainError if it is locked already."""
     with reading(folder):
-        handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+        handle = system.open_folder(folder)
     for _ in range(_TRIES):
         try:
             locked = lock_handle(handle)
@@ -77,7 +71,7 @@ def lock_file(path: Path, *, wait: bool = False) -> int:
     while True:
         make_folders(path.parent, Path(path.anchor))
         try:
-            handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
+            handle = system.open_file(path, os.O_RDWR | os.O_CREAT)
         except FileNotFoundError:
             continue  # the previous holder has just removed the folder
         try:

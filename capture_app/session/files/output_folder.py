@@ -22,11 +22,11 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
+from capture_app.common import system
 from capture_app.common.errors import BadInputError, DiskFullError, SimulshotError, TryAgainError
 from capture_app.session.files.disk import is_full
 from capture_app.session.files.durable import (
     PART,
-    exchange_folders,
     free_name,
     link_or_copy,
     sync_folder,
@@ -137,12 +137,12 @@ class OutputFolder:
                 return False
             self.target.mkdir(exist_ok=True)
             link_or_copy(str(self.folder / name), str(part))
-            part.replace(shown)
+            system.replace(part, shown)
         appeared, self._early = self._early is None, shown
         return appeared
 
     def _check_target(self) -> None:
-        if self.target.is_mount():
+        if os.path.ismount(self.target):
             raise BadInputError(f"{self.target} is a mount point", hint="choose a folder inside it")
         if self.target.exists() and not self.target.is_dir():
             raise BadInputError(f"{self.target} is a file", hint="choose another --out")
@@ -180,13 +180,13 @@ class OutputFolder:
         if not self._earlier.exists():
             return
         if not self.target.exists():
-            self._earlier.rename(self.target)
+            system.replace(self._earlier, self.target)
             sync_folder(self.target.parent)
             _log.warning("restored the earlier result in %s", self.target)
         elif self.folder.exists():
             # Another program created a folder of that name before the new result could be moved there.
             renamed = free_name(self.target.with_name(f"{self.target.name}-earlier"))
-            self._earlier.rename(renamed)
+            system.replace(self._earlier, renamed)
             _log.warning("the earlier result of %s is now in %s", self.target, renamed)
         else:
             shutil.rmtree(self._earlier)
@@ -196,12 +196,13 @@ class OutputFolder:
         sync_folder(self._workplace)
         self._check_target()
         if self._is_free():
-            # Replaces an empty folder, but fails if it is no longer empty.
-            self.folder.rename(self.target)
-        elif not exchange_folders(self.folder, self.target):
-            self.target.rename(self._earlier)
+            with suppress(FileNotFoundError):
+                self.target.rmdir()  # fails if it is no longer empty
+            system.replace(self.folder, self.target)
+        elif not system.exchange(self.folder, self.target):
+            system.replace(self.target, self._earlier)
             sync_folder(self._workplace)
-            self.folder.rename(self.target)
+            system.replace(self.folder, self.target)
         self._early = None
         sync_folder(self.target.parent)
         sync_folder(self._workplace)

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, BinaryIO, TypeVar
 
 import msgspec
 
+from capture_app.common import system
 from capture_app.common.errors import BadInputError, SimulshotError, reading
 from capture_app.common.text import UNREADABLE
 
@@ -47,8 +48,7 @@ def rejecting(what: str, *kinds: type[Exception], hint: str = "") -> Iterator[No
 
 def open_regular(path: Path, *, follow_links: bool = True) -> BinaryIO:
     """Open a regular file for reading. Raises OSError for anything else."""
-    flags = os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC | (0 if follow_links else os.O_NOFOLLOW)
-    handle = os.open(path, flags)
+    handle = system.open_file(path, os.O_RDONLY, follow_links=follow_links)
     if not stat.S_ISREG(os.fstat(handle).st_mode):
         os.close(handle)
         raise OSError(errno.EINVAL, "it is not a regular file", str(path))

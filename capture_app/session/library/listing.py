@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Literal
 from msgspec import Struct
 from msgspec.structs import replace
 
+from capture_app.common import system
 from capture_app.common.errors import BadInputError
 from capture_app.session.files.untrusted_files import read_struct
 from capture_app.session.format.burst_plan import PLAN
@@ -232,7 +233,7 @@ def _cache(path: Path, small: "NDArray[np.uint8]") -> "NDArray[np.uint8]":
         path.parent.mkdir(parents=True, exist_ok=True)
         aside = path.with_suffix(f".{os.getpid()}.part")
         aside.write_bytes(coded)
-        aside.replace(path)
+        system.replace(aside, path)
         # Only one write in 256 checks whether there are too many.
         files = [] if int(path.name[:2], 16) else list(path.parent.glob("*.jpg"))
         files.sort(key=lambda file: file.stat().st_mtime_ns)

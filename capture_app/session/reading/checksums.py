@@ -24,7 +24,7 @@ def write_checksums(folder: Path, manifest: bytes) -> Path:
     """
     sums = {MANIFEST: hashlib.sha256(manifest).hexdigest()}
     videos = sorted(folder.glob(f"{VIDEOS}/*/*{FRAMES_SUFFIX}"))
-    for name in (*COVERED[1:], *(str(lines.relative_to(folder)) for lines in videos)):
+    for name in (*COVERED[1:], *(lines.relative_to(folder).as_posix() for lines in videos)):
         if (folder / name).is_file():
             sums[name] = hashlib.sha256((folder / name).read_bytes()).hexdigest()
     path = folder / CHECKSUMS

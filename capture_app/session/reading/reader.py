@@ -1,6 +1,5 @@
 """Session reader; sessions are untrusted input, so the manifest is checked before it is used."""
 
-import fcntl
 import os
 from functools import cached_property
 from pathlib import Path
@@ -8,6 +7,7 @@ from typing import TYPE_CHECKING, Self
 
 import msgspec
 
+from capture_app.common import system
 from capture_app.common.errors import BadInputError, IncompleteError
 from capture_app.common.names import is_name
 from capture_app.common.text import UNREADABLE
@@ -199,9 +199,9 @@ class Session:
 
 def is_being_written(folder: Path) -> bool:
     """Return whether a writer currently holds the session's lock."""
-    handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    handle = system.open_folder(folder)
     try:
-        lock_handle(handle, how=fcntl.LOCK_SH)
+        lock_handle(handle, shared=True)
     except BlockingIOError:
         return True
     finally:

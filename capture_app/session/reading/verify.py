@@ -283,7 +283,7 @@ def _unexpected(session: Session) -> Iterator[Problem]:
     expected = {record.path for record in session.manifest.images} | {*videos, *map(frames_path, videos)}
     paths = [path for folder in (IMAGES, VIDEOS) for path in (session.folder / folder).rglob("*")]
     for path in sorted(paths):
-        name = str(path.relative_to(session.folder))
+        name = path.relative_to(session.folder).as_posix()
         if name not in expected and not (path.is_dir() and not path.is_symlink()):
             part = "left over from an interrupted write" if path.name.endswith(PART) else ""
             yield Problem("unexpected", name, part or "an image that is not in the manifest")

@@ -105,7 +105,7 @@ def _truth_is_intact(folder: Path, true: TrueTime) -> bool:
 
 def _set_aside_all_but(folder: Path, intact: set[str]) -> None:
     for path in sorted((folder / IMAGES).rglob("*")):
-        name = str(path.relative_to(folder))
+        name = path.relative_to(folder).as_posix()
         if name in intact or (path.is_dir() and not path.is_symlink()):
             continue
         if path.name.endswith(PART):

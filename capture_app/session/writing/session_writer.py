@@ -15,7 +15,7 @@ import msgspec
 
 from capture_app import __version__
 from capture_app.common.errors import BadInputError, DiskError, IncompleteError, SimulshotError, TryAgainError
-from capture_app.common.names import check_name
+from capture_app.common.names import check_name, find_alike
 from capture_app.session.files.disk import disk_errors, make_new_folder, reserve
 from capture_app.session.files.durable import (
     AppendOnlyFile,
@@ -153,8 +153,16 @@ class SessionWriter:
     def set_plan(self, plan: BurstPlan) -> None:
         """Save the plan of the burst durably; from then on the session can be resumed after a crash.
 
-        Raises DiskFullError if there is no space even for the manifest.
+        Raises DiskFullError if there is no space even for the manifest; BadInputError for two cameras that
+        would be one folder on a system that ignores case.
         """
+        names = [camera.camera.name for camera in plan.cameras]
+        for place, name in enumerate(names):
+            if (alike := find_alike(name, names[:place])) is not None:
+                raise BadInputError(
+                    f"cameras {alike} and {name} would be one folder on Windows and macOS",
+                    hint="give one of them a name that differs by more than upper and lower case",
+                )
         with self._writing():
             write_atomic(self.folder / PLAN, indented(encode_checked(plan)))
             if self.plan is None:

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import msgspec
 
+from capture_app.common import system
 from capture_app.common.names import check_name
 from capture_app.session.files.disk import disk_errors
 from capture_app.session.files.durable import (
@@ -153,7 +154,7 @@ class VideoStore:
             frames, video.unsynced = video.unsynced, []
             try:
                 if frames:
-                    os.fdatasync(video.handle)
+                    system.sync_data(video.handle)
                     if not os.fstat(video.handle).st_nlink:
                         # A person has deleted it; no frame of it may count as saved.
                         raise FileNotFoundError(ENOENT, os.strerror(ENOENT), video.record.path)
@@ -234,7 +235,7 @@ class VideoStore:
     def _open(self, camera: str) -> _Video:
         path = video_path(camera)
         lines = AppendOnlyFile(self._folder / frames_path(path))
-        handle = os.open(self._folder / path, os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC, 0o666)
+        handle = system.open_file(self._folder / path, os.O_WRONLY | os.O_CREAT)
         return _Video(handle, lines, VideoRecord(camera=camera, path=path, frames=0, bytes=0))
 
     def _recover(self, camera: str, lines: Path) -> None:
@@ -261,7 +262,7 @@ class VideoStore:
             video.seek(end)
             shutil.copyfileobj(video, rest)
             rest.flush()
-            os.fsync(rest.fileno())
+            system.sync_data(rest.fileno())
         sync_folder(aside.parent)
         os.truncate(path, end)
 

@@ -9,6 +9,7 @@ from msgspec import structs
 
 from capture_app.common.bounds import MAX_TEXT
 from capture_app.common.camera_facts import CameraFacts, PhaseControl
+from capture_app.common.names import find_alike
 from capture_app.common.node_state import WITHOUT_CAMERA, NodeState
 from capture_app.common.timeouts import (
     CLIENT_SILENT_NS,
@@ -173,6 +174,8 @@ class Roster:
             )[:MAX_TEXT]
         if known is not None and not known.lost and known.instance != hello.instance:
             return f"another camera named {hello.name} is here: give this one another --name"
+        if known is None and (alike := find_alike(hello.name, self.members)) is not None:
+            return f"{alike} is here, and {hello.name} would be the same folder: give this one another --name"
         if hello.via is not None and hello.pin in self.direct_pins:
             return (
                 "its machine is paired with the leader, and no relay may speak for it: join the leader,"

@@ -8,7 +8,6 @@ Each run is recorded beside its results, so that the next start of the screen kn
 
 import asyncio
 import os
-import time
 from collections import deque
 from collections.abc import Callable, Sequence
 from contextlib import suppress
@@ -18,6 +17,7 @@ from socket import gethostname
 
 import msgspec
 
+from capture_app.common import system
 from capture_app.common.child import LOWEST_PRIORITY, Child
 from capture_app.common.errors import BadInputError, SimulshotError
 from capture_app.common.text import UNREADABLE, ProgressStep, pretty_json, printable
@@ -145,7 +145,7 @@ class Runs:
 
     def count_time(self) -> None:
         """Update the run times."""
-        now = time.monotonic()
+        now = system.monotonic_s()
         for run in self.unfinished:
             if run.state is RunState.RUNNING:
                 run.seconds += now - self._since
@@ -179,7 +179,7 @@ class Runs:
                 self._going = None
 
     async def _run(self, run: Run) -> None:
-        run.state, self._since, worked_s = RunState.RUNNING, time.monotonic(), _processor_s()
+        run.state, self._since, worked_s = RunState.RUNNING, system.monotonic_s(), _processor_s()
         self._tell(run)
         await self._keep(run)
         try:
@@ -245,7 +245,8 @@ class Runs:
         def shorten(path: Path) -> str:
             """Make a path inside the sessions folder relative, because that folder may be moved."""
             absolute = path.absolute()
-            return str(absolute.relative_to(root) if absolute.is_relative_to(root) else absolute)
+            place = absolute.relative_to(root) if absolute.is_relative_to(root) else absolute
+            return place.as_posix()
 
         path.parent.mkdir(parents=True, exist_ok=True)
         write_atomic(path, pretty_json(msgspec.to_builtins(run, enc_hook=shorten)))
@@ -263,10 +264,7 @@ def _processor_s() -> float:
 def _is_alive(owner: str) -> bool:
     """Return whether the screen of a run is running on this machine."""
     host, _, process = owner.rpartition(":")
-    with suppress(OSError, ValueError, OverflowError):
-        os.kill(int(process), 0)
-        return host == gethostname()
-    return False
+    return host == gethostname() and process.isdecimal() and system.is_running(int(process))
 
 
 def _read_all(root: Path) -> list[Run]:

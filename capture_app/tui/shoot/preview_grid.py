@@ -2,7 +2,6 @@
 
 import asyncio
 import math
-import time
 from collections.abc import Iterable
 from typing import ClassVar
 
@@ -12,6 +11,7 @@ from textual.containers import Container, Vertical
 from textual.content import Content
 from textual.message import Message
 
+from capture_app.common import system
 from capture_app.common.node_state import NodeState
 from capture_app.common.text import printable
 from capture_app.protocol.status import NodeStatus, Preview, RigStatus
@@ -204,7 +204,7 @@ class PreviewGrid(Container, can_focus=True):
         """Draw what waits, and rest in between; what is overtaken is not drawn."""
         try:
             while self._waiting:
-                begun_s = time.monotonic()
+                begun_s = system.monotonic_s()
                 previews, self._waiting = self._waiting, {}
                 drawn = [
                     (tile, preview, size := tile.picture.size, await draw_for(self.app, preview.jpeg, size))
@@ -218,7 +218,7 @@ class PreviewGrid(Container, can_focus=True):
                         tile.picture.show_drawn(preview.jpeg, cells, size)
                         tile.moment_s = self._record.moment_s(preview.leader_ns)
                 self.post_message(self.Drawn())
-                await asyncio.sleep(REST * (time.monotonic() - begun_s))
+                await asyncio.sleep(REST * (system.monotonic_s() - begun_s))
         finally:
             self._is_drawing = False
 

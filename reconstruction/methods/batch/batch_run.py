@@ -1,10 +1,10 @@
 """`reconstruct batch`: depth of many sessions, instants and conditions, each computed once."""
 
-import time
 from collections.abc import Mapping, Sequence
 from contextlib import closing
 from pathlib import Path
 
+from capture_app.common import system
 from capture_app.common.errors import ExitCode, NotApplicableError, SimulshotError
 from capture_app.common.text import ProgressStep, rough_time
 from capture_app.console.terminal import talk
@@ -41,7 +41,7 @@ def batch(
         BadInputError: `out` cannot be used.
         TryAgainError: another run is writing to `out`, or the shard is running.
     """
-    began = time.monotonic()
+    began = system.monotonic_s()
     lock = f"{WORK}/{shard.name if shard else 'batch'}.lock"
     with growing_folder(out, lock, {UNITS, WORK, *NAMES}) as root:
         units, failures = _plan(sessions, plan)
@@ -68,7 +68,7 @@ def summarize(sessions: Sequence[Path], out: Path, plan: BatchPlan) -> BatchResu
 
     Raises as `batch` does.
     """
-    began = time.monotonic()
+    began = system.monotonic_s()
     with growing_folder(out, f"{WORK}/batch.lock", {UNITS, WORK, *NAMES}) as root:
         units, failures = _plan(sessions, plan)
         remove_leftovers(root)
@@ -103,7 +103,7 @@ def _result(
         not_applicable=sum(bool(row.not_applicable) for row in rows),
         groups=group_medians(rows),
         units=tuple(rows),
-        seconds=round(time.monotonic() - began, 3),
+        seconds=round(system.monotonic_s() - began, 3),
     )
 
 
@@ -148,14 +148,14 @@ def _run_units(
     """Run the units; `done` existing results count in the progress lines."""
     by_key = {unit.key: unit for unit in units}
     outcomes: dict[str, Outcome] = {}
-    began = time.monotonic()
+    began = system.monotonic_s()
     try:
         with closing(workers.run_units(task, units, root)) as running:
             for outcome in running:
                 outcomes[outcome.key] = outcome
                 row = _row(by_key[outcome.key], root, outcomes)
                 how = row.problem or f"{outcome.seconds:.1f} s"
-                left_s = (time.monotonic() - began) / len(outcomes) * (len(units) - len(outcomes))
+                left_s = (system.monotonic_s() - began) / len(outcomes) * (len(units) - len(outcomes))
                 left = f", about {rough_time(left_s)} left" if len(outcomes) < len(units) else ""
                 talk(str(ProgressStep(done + len(outcomes), done + len(units), f"{row.label}: {how}{left}")))
     except KeyboardInterrupt:

@@ -4,13 +4,13 @@ Imports nothing that starts threads: a worker chooses its cores first.
 """
 
 import shutil
-import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
 from typing import Self
 
+from capture_app.common import system
 from capture_app.common.errors import BadInputError, DiskFullError, ExitCode, SimulshotError
 from capture_app.session.files.output_folder import OutputFolder, clear_leftovers
 
@@ -95,11 +95,11 @@ def run_unit(task: str, unit: Unit, root: Path) -> Outcome:
     writes a unit's files into an empty folder, the same bytes at each call. If another process is computing
     the folder, wait for that process. Raises nothing, so that a failing unit does not stop the others.
     """
-    began = time.monotonic()
+    began = system.monotonic_s()
     code: int = ExitCode.FAILURE
     try:
         computed = _compute(task, unit, root)
-        return Outcome(key=unit.key, seconds=time.monotonic() - began, computed=computed)
+        return Outcome(key=unit.key, seconds=system.monotonic_s() - began, computed=computed)
     except (SimulshotError, OSError) as error:
         text, code = str(error), getattr(error, "exit_code", code)
     except MemoryError:

@@ -5,7 +5,6 @@ scheduler can run code through it, so the schedulers started here use TLS with k
 """
 
 import logging
-import os
 import shutil
 import signal
 from collections.abc import Generator, Mapping, Sequence
@@ -18,6 +17,7 @@ from typing import Any, cast
 
 import msgspec
 
+from capture_app.common import system
 from capture_app.common.errors import BadInputError, ExitCode, NotAvailableError, SimulshotError
 from capture_app.common.optional_packages import RECONSTRUCTION, load_optional
 from capture_app.common.text import first_line
@@ -28,7 +28,6 @@ from reconstruction.common.memory import (
     free_memory,
     limited_memory,
     memory_budget,
-    usable_cores,
 )
 from reconstruction.methods.batch.units import WORK, Outcome, Unit, run_unit
 
@@ -120,7 +119,7 @@ class Workers:
             cores, memory, cluster = None, None, None
             if self.where == LOCAL:
                 count, memory = self._local_fraction(len(units))
-                every = usable_cores()
+                every = system.usable_cores()
                 cores = [every[k % len(every) :: count] or every for k in range(count)]
                 cluster = stack.enter_context(self._local_cluster(count))
             elif self.where in QUEUES:
@@ -143,14 +142,13 @@ class Workers:
         """Return the number of local processes, and the memory budget of each in bytes."""
         budget = memory_budget()
         total = budget.limit_bytes if budget.asked_for else int(DEFAULT_FRACTION * free_memory())
-        count = self.jobs or max(1, min(len(usable_cores()), total // MEMORY_OF_UNIT))
+        count = self.jobs or max(1, min(len(system.usable_cores()), total // MEMORY_OF_UNIT))
         return min(count, units), min(total // count, total if budget.asked_for else MAX_BY_DEFAULT)
 
     def _local_cluster(self, count: int) -> Any:
         # Only this process handles Ctrl-C: workers inherit the mask of Dask's thread, which starts here.
         resource_tracker.ensure_running()
-        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-        try:
+        with system.interrupts_blocked():
             return self.dask.LocalCluster(
                 n_workers=count,
                 threads_per_worker=1,
@@ -159,8 +157,6 @@ class Workers:
                 security=True,
                 silence_logs=logging.CRITICAL,
             )
-        finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
     def _queue_cluster(self, count: int, root: Path) -> Any:
         folder = root / WORK / "cluster"
@@ -232,8 +228,7 @@ def _run_in_worker(
 ) -> Outcome:
     """Compute a unit in a worker, on the worker's cores and within its part of the memory."""
     if cores is not None:
-        # Sets the affinity of this thread, and so of all threads that it starts.
-        os.sched_setaffinity(0, cores[int(import_module("distributed").get_worker().name)])
+        system.use_cores(cores[int(import_module("distributed").get_worker().name)])
     # Must precede pycolmap: otherwise the first PNG that OpenCV writes aborts the process.
     import_module("cv2")
     with limited_memory(memory):

@@ -5,7 +5,6 @@ The folder grows cloud by cloud, and a stopped run can be resumed. `plan.json` h
 """
 
 import shutil
-import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -15,6 +14,7 @@ import msgspec
 import numpy as np
 from msgspec import Struct
 
+from capture_app.common import system
 from capture_app.common.errors import BadInputError
 from capture_app.common.text import pretty_json
 from capture_app.session.exporting.exported_burst import mask_path
@@ -206,7 +206,7 @@ def model_sequence(
             a cloud.
         TryAgainError: another run is writing to `out`.
     """
-    began = time.monotonic()
+    began = system.monotonic_s()
     dataset, chosen = scene.dataset, scene.dataset.chosen_instants(options.instants)
     progress, matcher = options.progress, options.chosen_matcher.name
     plan = SequencePlan(
@@ -287,7 +287,7 @@ def _make(
     folder: SequenceFolder,
 ) -> SequenceInstant:
     """Compute an instant in the work folder, move its files into place, then mark it as done."""
-    work, out, dataset, began_s = folder.empty_work(), folder.out, inputs.dataset, time.monotonic()
+    work, out, dataset, began_s = folder.empty_work(), folder.out, inputs.dataset, system.monotonic_s()
     leader_ns = dataset.instants_ns[instant]
     try:
         model = model_instant(inputs, condition, instant, options, work, still=still)
@@ -310,7 +310,7 @@ def _make(
             mover_within_2pct=model.mover_within_2pct,
             movers_1cm=model.movers_1cm,
             left_out=model.left_out,
-            seconds=round(time.monotonic() - began_s, 3),
+            seconds=round(system.monotonic_s() - began_s, 3),
         )
         folder.finish(done)
     return done

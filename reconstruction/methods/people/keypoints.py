@@ -5,11 +5,11 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import ClassVar, Protocol
 
+from capture_app.common import system
 from capture_app.common.errors import BadInputError
 from capture_app.common.plugins import load_plugin
 from capture_app.console.terminal import Progress
 from reconstruction.common.geometry import Array
-from reconstruction.common.memory import usable_cores
 from reconstruction.methods.people.skeletons import Skeleton
 from reconstruction.scene.dataset import Dataset
 
@@ -90,6 +90,6 @@ def detect_people(
         progress.step(f"people in {len(found)} frames of {camera}")
         return found
 
-    with ThreadPoolExecutor(len(usable_cores())) as pool:
+    with ThreadPoolExecutor(len(system.usable_cores())) as pool:
         found = dict(zip(cameras, pool.map(follow, cameras), strict=True))
     return Keypoints(kind.skeleton, found, f"{name} ({model})" if model else name)

@@ -1,14 +1,11 @@
 """Times of receipt from the kernel's stamps, on a host whose clocks are played."""
 
-import socket
-import struct
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from capture_app.common.clock import HostClock, NodeClock, SimulatedClock
-from capture_app.net.udp import SO_TIMESTAMPNS, ReceiptTimes
+from capture_app.net.udp import ReceiptTimes
 
 MS, S = 1_000_000, 1_000_000_000
 EPOCH_NS = 1_700_000_000 * S
@@ -35,10 +32,6 @@ class Host:
     def times(self, clock: NodeClock) -> ReceiptTimes:
         return ReceiptTimes(clock, realtime=self.realtime, monotonic=self.monotonic, host=int)
 
-    def ancillary(self, arrived_ns: int) -> list[tuple[int, int, bytes]]:
-        stamp_ns = self.stamp_at(arrived_ns)
-        return [(socket.SOL_SOCKET, SO_TIMESTAMPNS, struct.pack("@ll", stamp_ns // S, stamp_ns % S))]
-
 
 @pytest.mark.parametrize("waited_ns", [0, 50_000, 30 * MS])
 @pytest.mark.parametrize("skew_ppm", [-1000.0, -50.0, 0.0, 50.0, 1000.0])
@@ -48,7 +41,7 @@ def test_a_datagram_that_waited_is_placed_where_the_node_clock_stood(waited_ns: 
     times = host.times(clock)
     arrived_ns = host.now_ns + MS
     host.now_ns = arrived_ns + waited_ns
-    received_ns = times.received_ns(host.ancillary(arrived_ns))
+    received_ns = times.received_ns(host.stamp_at(arrived_ns))
     assert 0 <= received_ns - clock.local_from_true(arrived_ns) <= 100
 
 
@@ -65,7 +58,7 @@ def test_a_clock_that_is_set_never_makes_a_datagram_early(
     for before_ns, waited_ns in waits:
         arrived_ns = host.now_ns + before_ns
         host.now_ns = arrived_ns + waited_ns
-        received_ns = times.received_ns(host.ancillary(arrived_ns))
+        received_ns = times.received_ns(host.stamp_at(arrived_ns))
         assert arrived_ns <= received_ns <= host.now_ns
         times.queue_was_empty()
 
@@ -74,15 +67,23 @@ def test_a_clock_that_was_set_spoils_nothing_that_comes_later() -> None:
     host = Host(set_at_ns=5 * S + MS, set_by_ns=S)
     times = host.times(HostClock())
     host.now_ns += 2 * MS
-    times.received_ns(host.ancillary(host.now_ns))
+    times.received_ns(host.stamp_at(host.now_ns))
     times.queue_was_empty()
     arrived_ns = host.now_ns + MS
     host.now_ns = arrived_ns + 20 * MS
-    assert 0 <= times.received_ns(host.ancillary(arrived_ns)) - arrived_ns <= 100
+    assert 0 <= times.received_ns(host.stamp_at(arrived_ns)) - arrived_ns <= 100
 
 
 def test_without_a_stamp_it_is_now() -> None:
     host = Host()
+    assert host.times(HostClock()).received_ns(None) == host.now_ns
+
+
+def test_a_stamp_of_the_monotonic_clock_counts_unless_it_is_of_the_future() -> None:
+    """A thread of its own stamps where the system does not."""
+    host = Host()
     times = host.times(HostClock())
-    assert times.received_ns([]) == host.now_ns
-    assert times.received_ns([(socket.SOL_SOCKET, SO_TIMESTAMPNS, b"short")]) == host.now_ns
+    arrived_ns = host.now_ns
+    host.now_ns += 20 * MS
+    assert times.received_ns(None, arrived_ns) == arrived_ns
+    assert times.received_ns(None, host.now_ns + S) == host.now_ns

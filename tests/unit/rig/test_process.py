@@ -9,6 +9,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
+from capture_app.common import system
 from capture_app.common.address import Address
 from capture_app.common.errors import NetworkError, NotAvailableError, SimulshotError
 from capture_app.common.pairing_codes import Role
@@ -123,7 +124,7 @@ def program(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[str], 
         path = tmp_path / "program"
         path.write_text(f"#!/bin/sh\n{script}\n")
         path.chmod(0o755)
-        monkeypatch.setattr(sys, "executable", str(path))
+        monkeypatch.setattr(system, "PYTHON", (str(path),))
 
     return replace
 

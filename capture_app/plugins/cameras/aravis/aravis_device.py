@@ -21,6 +21,7 @@ from capture_app.cameras.base import buffer_count
 from capture_app.cameras.frames import PixelPicture, every_nth
 from capture_app.cameras.specs import CameraRequest
 from capture_app.cameras.system_packages import load_system_module
+from capture_app.common import system
 from capture_app.common.camera_facts import (
     MICROSECONDS,
     CameraFacts,
@@ -167,12 +168,12 @@ class AravisDevice:
             )
             if not latch and not camera.is_gv_device():
                 return None
-            sent_ns = time.monotonic_ns()
+            sent_ns = system.monotonic_ns()
             if latch:
                 camera.execute_command(latch)
             else:
                 self._device.write_register(_CONTROL, _LATCH)
-            answered_ns = time.monotonic_ns()
+            answered_ns = system.monotonic_ns()
             read = self._device.read_register
             ticks = camera.get_integer(value) if latch else read(_HIGH) << 32 | read(_LOW)
             is_in_ns = latch == _LATCHES[0][0]
@@ -217,7 +218,7 @@ class AravisDevice:
         frame = DeviceFrame(
             number=buffer.get_frame_id(),
             counter_ns=buffer.get_timestamp(),
-            arrival_ns=buffer.get_system_timestamp() - time.time_ns() + time.monotonic_ns(),
+            arrival_ns=buffer.get_system_timestamp() - time.time_ns() + system.monotonic_ns(),
             data=bytes(buffer.get_data()) if is_whole else None,
         )
         self._stream.push_buffer(buffer)

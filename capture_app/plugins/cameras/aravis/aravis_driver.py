@@ -9,7 +9,6 @@ import contextlib
 import functools
 import logging
 import threading
-import time
 from collections import deque
 from collections.abc import Callable, Mapping
 
@@ -19,6 +18,7 @@ from capture_app.cameras.arrival_clock import ArrivalClock
 from capture_app.cameras.base import Camera, DeviceClock, OnFailure, OnFrame, ThreadedCamera
 from capture_app.cameras.frames import CapturedFrame
 from capture_app.cameras.specs import read_request
+from capture_app.common import system
 from capture_app.common.camera_facts import (
     CameraFacts,
     CameraListing,
@@ -126,7 +126,7 @@ class AravisCamera(ThreadedCamera):
     @property
     def device_clock(self) -> DeviceClock | None:
         """Accuracy of the camera's counter against the host's clock; None if it cannot be read."""
-        return None if self._readings is None else self._readings.accuracy(time.monotonic_ns())
+        return None if self._readings is None else self._readings.accuracy(system.monotonic_ns())
 
     async def controls(self) -> tuple[ControlState, ...]:
         """Return the current exposure and gain. Raises CameraError."""
@@ -187,8 +187,8 @@ class AravisCamera(ThreadedCamera):
         self._facts = self._facts_of(device.facts)
 
     def _first_frame(self, device: AravisDevice) -> DeviceFrame:
-        end_ns = time.monotonic_ns() + FIRST_FRAME_NS
-        while (left_ns := end_ns - time.monotonic_ns()) > 0 and not self._closing.is_set():
+        end_ns = system.monotonic_ns() + FIRST_FRAME_NS
+        while (left_ns := end_ns - system.monotonic_ns()) > 0 and not self._closing.is_set():
             frame = device.next_frame(left_ns / 1e9)
             if frame is not None and frame.data is not None:
                 return frame
@@ -214,11 +214,13 @@ class AravisCamera(ThreadedCamera):
     def _fetch(self) -> None:
         """Fetch frames until the camera is stopped or fails; set frame durations as frames arrive."""
         period_ns = self.facts.period_ns
-        begun_ns = heard_ns = read_ns = fresh_ns = time.monotonic_ns()
+        begun_ns = heard_ns = read_ns = fresh_ns = system.monotonic_ns()
         while not self._closing.is_set():
-            left_ns = period_ns if self._restore_at_ns is None else self._restore_at_ns - time.monotonic_ns()
+            left_ns = (
+                period_ns if self._restore_at_ns is None else self._restore_at_ns - system.monotonic_ns()
+            )
             frame = self._device.next_frame(min(max(left_ns, 0), MAX_WAIT_NS) / 1e9)
-            now_ns = time.monotonic_ns()
+            now_ns = system.monotonic_ns()
             if frame is not None:
                 heard_ns = now_ns
                 self._take(frame)

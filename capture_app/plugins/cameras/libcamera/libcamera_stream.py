@@ -21,6 +21,7 @@ from typing import Any
 from capture_app.cameras.base import wait_for_start
 from capture_app.cameras.frames import JpegPicture, PixelFormat, PixelPicture, picture_from_buffer
 from capture_app.cameras.system_packages import load_system_module
+from capture_app.common import system
 from capture_app.common.errors import CameraError, NotAvailableError
 from capture_app.plugins.cameras.libcamera.configuration import KnownControls
 
@@ -108,7 +109,7 @@ class StampClock:
 
     def now_ns(self) -> int:
         """Return the monotonic clock's time."""
-        return time.monotonic_ns()
+        return system.monotonic_ns()
 
     def boot_ns(self) -> int:
         """Return the time of the clock that keeps running while the machine sleeps."""

@@ -1,7 +1,6 @@
 """Replay of a recording as a live camera, at its recorded times and in a loop."""
 
 import asyncio
-import time
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,6 +10,7 @@ from msgspec.structs import replace
 from capture_app.cameras.base import Camera, OnFailure, OnFrame
 from capture_app.cameras.frames import CapturedFrame
 from capture_app.cameras.specs import read_number
+from capture_app.common import system
 from capture_app.common.camera_facts import CameraListing, PhaseControl
 from capture_app.common.clock import NodeClock
 from capture_app.common.errors import BadInputError, CameraError
@@ -107,14 +107,14 @@ class ReplayCamera(Camera):
         if self._playing is not None:
             raise CameraError(f"the replay of {self.facts.model} was started already")
         self.listen(on_frame, on_failure)
-        self._play_from(time.monotonic_ns())
+        self._play_from(system.monotonic_ns())
 
     async def apply(self, command: CameraCommand) -> None:
         """Change the duration of the next frame, or begin a new stream; its delay counts from this call.
 
         Raises CameraError if it is not playing, and for commands that a recording cannot follow.
         """
-        asked_ns = time.monotonic_ns()
+        asked_ns = system.monotonic_ns()
         if self._playing is None:
             raise CameraError(f"the replay of {self.facts.model} does not run")
         if self.facts.phase_control is PhaseControl.NONE or isinstance(command, InjectFrame):
@@ -145,7 +145,7 @@ class ReplayCamera(Camera):
             record = recording.record(index)
             exposure_ns = None if record is None else record.exposure_ns
             due_ns = start_ns + (exposure_ns or 0) + readout_ns + DELIVERY_NS
-            if time.monotonic_ns() - due_ns > STALL_NS:
+            if system.monotonic_ns() - due_ns > STALL_NS:
                 await asyncio.sleep(0)
                 continue
             try:
@@ -158,7 +158,7 @@ class ReplayCamera(Camera):
                     )
                 )
                 return
-            await asyncio.sleep(max(0, due_ns - time.monotonic_ns()) / 1e9)
+            await asyncio.sleep(max(0, due_ns - system.monotonic_ns()) / 1e9)
             if picture is None:
                 continue  # its number is missing from the stream, as with any dropped frame
             self._on_frame(

@@ -10,12 +10,12 @@ import hashlib
 import re
 import secrets
 import struct
-import time
 from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from urllib.parse import SplitResult, unquote, urljoin, urlsplit
 
+from capture_app.common import system
 from capture_app.common.errors import BadInputError, CameraError
 from capture_app.common.text import printable
 
@@ -250,7 +250,7 @@ class Connection:
 
     def ask(self) -> None:
         """Send an OPTIONS request: it keeps the stream alive, and its answer measures the round trip."""
-        self._asked_ns[self._number + 1] = time.monotonic_ns()
+        self._asked_ns[self._number + 1] = system.monotonic_ns()
         self._send("OPTIONS", self._url)
 
     async def close(self) -> None:
@@ -326,7 +326,7 @@ class Connection:
         first = await self._reader.readexactly(1)
         if first == b"$":
             head = await self._reader.readexactly(3)
-            arrival_ns = time.monotonic_ns()
+            arrival_ns = system.monotonic_ns()
             channel, size = struct.unpack(">BH", head)
             self._early.append((channel, await self._reader.readexactly(size), arrival_ns))
             return None
@@ -336,7 +336,7 @@ class Connection:
             text = (first + await self._reader.readuntil(b"\r\n\r\n")).decode("latin-1")
         except asyncio.LimitOverrunError as error:
             raise EOFError("it sends something else") from error
-        came_ns = time.monotonic_ns()
+        came_ns = system.monotonic_ns()
         status, *lines = text.split("\r\n")
         if "RTSP/" not in status:
             raise EOFError("it speaks something else")

@@ -5,7 +5,6 @@ Host times come from its sender reports, or from the earliest arrivals.
 
 import asyncio
 import itertools
-import time
 from collections.abc import Coroutine, Mapping, Sequence
 from functools import partial
 from itertools import pairwise
@@ -16,6 +15,7 @@ from capture_app.cameras.arrival_clock import ArrivalClock
 from capture_app.cameras.base import Camera, OnFailure, OnFrame, ThreadedCamera
 from capture_app.cameras.frames import CapturedFrame, PixelPicture, step_to
 from capture_app.cameras.specs import read_request
+from capture_app.common import system
 from capture_app.common.camera_facts import (
     CameraFacts,
     CameraListing,
@@ -223,7 +223,7 @@ class RtspCamera(ThreadedCamera):
     async def start(self, on_frame: OnFrame, on_failure: OnFailure) -> None:
         """Connect and stream. Raises CameraError if it is missing, refuses or sends no frames."""
         self.listen(on_frame, on_failure)
-        self._begun_s = time.monotonic()
+        self._begun_s = system.monotonic_s()
         try:
             await self._connection.open()
             self._clock = SenderClock(self._connection.stream.ticks_per_s, self._connection.round_trips_ns)
@@ -324,7 +324,7 @@ class RtspCamera(ThreadedCamera):
         """Start delivery once the rate is known, and sender reports have arrived or timed out."""
         self._begun_with.append(media_ns)
         more_reports = (
-            self._clock.reports < FIRST_REPORTS and time.monotonic() - self._begun_s < self._reports_s
+            self._clock.reports < FIRST_REPORTS and system.monotonic_s() - self._begun_s < self._reports_s
         )
         if len(self._begun_with) <= RATE_FRAMES or more_reports:
             return

@@ -5,7 +5,6 @@ raises OSError with the kernel's errno; `driver_error` turns it into a message f
 """
 
 import errno
-import fcntl
 import mmap
 import os
 import struct
@@ -18,7 +17,11 @@ from struct import Struct
 from typing import Any
 
 from capture_app.cameras.frames import PixelFormat
+from capture_app.common import system
 from capture_app.common.errors import CameraError, NotAvailableError
+
+with suppress(ImportError):  # Linux has it; `check_layout` refuses other systems
+    import fcntl
 
 _BUFFER = Struct("<5I4xqq16xIII4xI12x")
 _READ, _WRITE = 2, 1
@@ -117,7 +120,9 @@ def check_layout() -> None:
     if not sys.platform.startswith("linux") or struct.calcsize("P") != 8 or sys.byteorder != "little":
         raise NotAvailableError(
             "V4L2 cameras need a 64-bit little-endian Linux",
-            hint="install the 64-bit system (uname -m says x86_64 or aarch64)",
+            hint="on other systems give webcam:0, or webcam:NAME; capture-app cameras lists them"
+            if sys.platform in ("win32", "darwin")
+            else "install the 64-bit system (uname -m says x86_64 or aarch64)",
         )
 
 
@@ -128,7 +133,7 @@ class VideoDevice:
         """Open the node in non-blocking mode. Raises OSError, and NotAvailableError on a 32-bit system."""
         check_layout()
         self.path = path
-        self.fd = os.open(path, os.O_RDWR | os.O_NONBLOCK | os.O_CLOEXEC)
+        self.fd = system.open_file(path, os.O_RDWR)
 
     def close(self) -> None:
         """Close the node; the kernel stops its stream and frees its buffers once they are unmapped."""

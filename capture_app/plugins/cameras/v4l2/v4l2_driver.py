@@ -30,6 +30,7 @@ from capture_app.cameras.base import (
 )
 from capture_app.cameras.frame_reader import FrameReader
 from capture_app.cameras.frames import CapturedFrame, PixelFormat, picture_from_buffer
+from capture_app.common import system
 from capture_app.common.camera_facts import (
     KELVIN,
     MICROSECONDS,
@@ -190,7 +191,7 @@ class V4L2Camera(ThreadedCamera):
         phase. A device that disconnects meanwhile is reported through `on_failure`.
         Raises CameraError for any other command, or without a stream.
         """
-        asked_ns = time.monotonic_ns()
+        asked_ns = system.monotonic_ns()
         if not isinstance(command, RestartStream):
             raise CameraError(
                 f"{self._device.path} cannot change the length of single frames",
@@ -273,7 +274,7 @@ class V4L2Camera(ThreadedCamera):
         for index in range(len(self._memory)):
             self._device.queue(index)
         if start_ns is None or wait_for_start(
-            start_ns - time.monotonic_ns(), self.facts.period_ns, self._closing
+            start_ns - system.monotonic_ns(), self.facts.period_ns, self._closing
         ):
             self._device.stream_on()
 
@@ -308,7 +309,7 @@ class V4L2Camera(ThreadedCamera):
             return
         if not self._clock_checked:
             # A stamp a minute from its frame's arrival is not in this process's monotonic clock.
-            if abs(buffer.timestamp_ns - time.monotonic_ns()) > 60_000_000_000:
+            if abs(buffer.timestamp_ns - system.monotonic_ns()) > 60_000_000_000:
                 self._fail(_foreign_clock(self._device.path))
                 return
             self._clock_checked = True
@@ -394,5 +395,5 @@ def _listings(node: Path) -> Iterator[CameraListing]:
         return
     except OSError as error:
         name = Path("/sys/class/video4linux", node.name, "name")
-        card = name.read_text().strip() if name.is_file() else ""
+        card = name.read_text(encoding="utf-8").strip() if name.is_file() else ""
         yield CameraListing(spec, "v4l2", card, str(driver_error(str(node), error)), usable=False)

@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 import pytest
 
+from capture_app.common import system
 from capture_app.common.errors import BadInputError
 from reconstruction.common.geometry import resize_view
 from reconstruction.common.memory import (
@@ -23,7 +24,6 @@ from reconstruction.common.memory import (
     limited_memory,
     memory_budget,
     parse_size,
-    usable_cores,
 )
 from reconstruction.common.worker_pool import max_workers, worker_count
 from reconstruction.methods.stereo.stereo_pair import StereoPair, rectify
@@ -153,8 +153,8 @@ def test_threads_side_by_side_keep_to_the_budget_together() -> None:
 
 SHARING = """
 import ctypes, threading
-from reconstruction.common.memory import share_heaps
-share_heaps()
+from capture_app.common import system
+system.share_heaps(len(system.usable_cores()))
 libc, together = ctypes.CDLL(None), threading.Barrier(9)
 libc.malloc.restype = libc.fopen.restype = ctypes.c_void_p
 def work():
@@ -171,4 +171,4 @@ together.wait()
 @pytest.mark.skipif(not hasattr(ctypes.CDLL(None), "malloc_info"), reason="not glibc")
 def test_threads_share_a_heap_a_core() -> None:
     said = subprocess.run([sys.executable, "-c", SHARING], capture_output=True, text=True, check=True).stdout
-    assert 1 <= said.count("<heap ") <= len(usable_cores())
+    assert 1 <= said.count("<heap ") <= len(system.usable_cores())

@@ -13,8 +13,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from capture_app.common import system
 from capture_app.common.errors import BadInputError
-from capture_app.session.files import output_folder
 from capture_app.session.files.output_folder import clear_leftovers
 from capture_app.session.library import changes
 from capture_app.session.library.changes import TRASH
@@ -52,11 +52,11 @@ def killed_at(
 ) -> Callable[[int], None]:
     def work(pipe: int) -> None:
         if not exchanges:
-            output_folder.exchange_folders = lambda one, other: False  # type: ignore[attr-defined]
+            system.exchange = lambda one, other: False
         die_at(
             step,
             [
-                (output_folder, "exchange_folders"),
+                (system, "exchange"),
                 (changes, "move_folder"),
                 (os, "link"),
             ],

@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+from capture_app.common import system
 from capture_app.session.files import output_folder
 from capture_app.session.files.output_folder import OutputFolder, replaces_only
 from tests.unit.session.writing.killed_writer import REAL, die_at, run, tell
@@ -48,8 +49,8 @@ def make(root: Path, pipe: int) -> None:
 def killed_at(step: int, root: Path, exchanges: bool) -> Callable[[int], None]:
     def work(pipe: int) -> None:
         if not exchanges:
-            output_folder.exchange_folders = lambda one, other: False  # type: ignore[attr-defined]
-        die_at(step, [(output_folder, "exchange_folders")])
+            system.exchange = lambda one, other: False
+        die_at(step, [(system, "exchange")])
         make(root, pipe)
 
     return work

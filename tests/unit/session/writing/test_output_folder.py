@@ -12,8 +12,8 @@ from typing import Any
 
 import pytest
 
+from capture_app.common import system
 from capture_app.common.errors import BadInputError, DiskFullError, SimulshotError, TryAgainError
-from capture_app.session.files import output_folder
 from capture_app.session.files.output_folder import (
     OutputFolder,
     clear_leftovers,
@@ -167,9 +167,9 @@ def test_a_system_call_that_fails_once_costs_at_most_the_new_result(
     """Every sync, rename and removal is refused once."""
     calls = [(os, name) for name in ("fsync", "rename", "mkdir", "unlink", "rmdir")]
     if not exchanges:
-        monkeypatch.setattr(output_folder, "exchange_folders", lambda one, other: False)
+        monkeypatch.setattr(system, "exchange", lambda one, other: False)
     else:
-        calls.append((output_folder, "exchange_folders"))
+        calls.append((system, "exchange"))
     left = 0
     words = set()
 

@@ -43,6 +43,19 @@ def test_two_cameras_of_one_name_are_distinguished_anywhere_in_the_tree() -> Non
     assert rig.views()["cam"].via == "two"
 
 
+def test_a_name_that_differs_by_case_alone_is_refused() -> None:
+    """On Windows and macOS the two would be one folder."""
+    rig = RelayRig()
+    one = rig.relay("one", ROOT)
+    first = rig.camera("cam", one, at="cam")
+    rig.run_until(lambda: first.client.state is NodeState.READY)
+    second = rig.camera("Cam", one, at="other")
+    rig.run(4.0)
+    assert second.client.state is NodeState.JOINING
+    refusal = "cam is here, and Cam would be the same folder: give this one another --name"
+    assert LeaderNotice("refused", refusal) in second.events
+
+
 def test_a_relay_that_stops_in_order_sends_its_clients_on_at_once() -> None:
     rig, camera = camera_below_a_relay()
     rig.relays.pop("relay").leave()

@@ -1,0 +1,71 @@
+"""What macOS does in another way than Linux, by Apple's manual pages; it has not been run on a Mac yet."""
+
+import errno
+import fcntl
+import os
+import threading
+import time
+from pathlib import Path
+
+from capture_app.common.system.posix import *  # noqa: F403
+from capture_app.common.system.posix import half_of_memory
+
+_F_FULLFSYNC = getattr(fcntl, "F_FULLFSYNC", 51)
+_LOOK_EVERY_S = 0.5
+
+
+def sync_data(handle: int) -> None:
+    """Make the contents of an open file survive a power cut. Raises OSError.
+
+    fsync(2) of macOS leaves them in the drive's own memory; F_FULLFSYNC does not. A network's disk lacks it.
+    """
+    try:
+        fcntl.fcntl(handle, _F_FULLFSYNC)
+    except OSError:
+        os.fsync(handle)
+
+
+machine_memory = half_of_memory
+
+
+def exchange(one: Path, other: Path) -> bool:
+    """Return False: two folders are swapped by three renames."""
+    return False
+
+
+def move_new(source: Path, target: Path) -> None:
+    """Rename a file or folder where nothing has that name. Raises FileExistsError; OSError.
+
+    It can replace an empty folder that is created at the same moment.
+    """
+    if target.exists():
+        raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), str(target))
+    source.rename(target)
+
+
+def hold_name(handle: int, name: str) -> None:
+    """Do nothing: a disk without flock(2) has no locks here."""
+
+
+def end_with_parent(parent: int) -> None:
+    """End this process when the process that started it ends."""
+
+    def watch() -> None:
+        while os.getppid() == parent:
+            time.sleep(_LOOK_EVERY_S)
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
+
+
+def raise_thread_priority() -> None:
+    """Do nothing: setpriority(2) knows processes only."""
+
+
+def share_heaps(heaps: int) -> None:
+    """Do nothing: macOS' allocator returns what was freed."""
+
+
+def saves_power(interface: str) -> bool | None:
+    """Return None: macOS does not report whether a WiFi interface saves power."""
+    return None

@@ -33,7 +33,7 @@ for name in ("NO_COLOR", "SSH_CONNECTION", "SSH_TTY"):
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("OPENCV_FOR_THREADS_NUM", "1")
 
-pytest_plugins = ["tests.costs", "tests.parts", "tests.skips"]
+pytest_plugins = ["tests.costs", "tests.parts", "tests.skips", "tests.windows"]
 
 SHARED = Path(__file__).resolve().parents[2] / "shared"
 

@@ -1,9 +1,6 @@
 """`capture-app serve`: the terminal UI in a browser."""
 
 import asyncio
-import os
-import shlex
-import subprocess
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,6 +9,7 @@ import click
 
 from capture_app.commands.shared_options import ADDRESS, attached_sessions_option, run_until_stopped
 from capture_app.common.address import LOOPBACK_HOSTS, Address, listen_tcp, reachable_host
+from capture_app.common.text import command_line
 from capture_app.console.terminal import answer, json_option, talk
 from capture_app.console.usage import examples
 
@@ -74,8 +72,7 @@ async def _serve(rig: "AttachedRig", host: str, names: tuple[str, ...], port: in
     from capture_app.web.own_page import only_own_page, served
 
     screen = ("capture_app.cli", "--leader", str(rig.leader), "--sessions", str(rig.sessions))
-    join = shlex.join if os.name == "posix" else subprocess.list2cmdline
-    command = join((sys.executable, "-m", *screen))
+    command = command_line(sys.executable, "-m", *screen)
     with listen_tcp(host, port) as listening:
         bound, port = listening.getsockname()[:2]
         url = f"http://{Address(reachable_host(bound, listening.family), port)}"

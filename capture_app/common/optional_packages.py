@@ -2,7 +2,6 @@
 
 import importlib
 import platform
-import shlex
 import shutil
 import sys
 from importlib.metadata import PackageNotFoundError, metadata, requires
@@ -10,6 +9,7 @@ from importlib.util import find_spec
 from typing import Any
 
 from capture_app.common.errors import NotAvailableError
+from capture_app.common.text import command_line
 
 DISTRIBUTION = "simulshot"
 RECONSTRUCTION = "reconstruction"
@@ -79,7 +79,7 @@ def how_to_install(extra: str) -> str:
         return f"install simulshot with its extra {extra}, in a clone by ./install.sh --with {extra}"
     here = {"sys_platform": sys.platform, "platform_machine": platform.machine()}
     needed = [
-        shlex.quote(f"{need.name}{need.specifier}")
+        command_line(f"{need.name}{need.specifier}")
         for need in known
         if need.marker
         and need.marker.evaluate({**here, "extra": extra})
@@ -91,7 +91,7 @@ def how_to_install(extra: str) -> str:
             f"it has no package for this machine, {platform.system()} on {platform.machine()}: "
             "copy the session to a PC with Linux on x86-64"
         )
-    python = shlex.quote(sys.executable)
+    python = command_line(sys.executable)
     if find_spec("pip") is not None:
         installer = f"{python} -m pip install"
     elif shutil.which("uv"):

@@ -1,6 +1,9 @@
 """Text formats of times, sizes, counts, JSON and progress lines, for both packages."""
 
+import os
 import re
+import shlex
+import subprocess
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Self
@@ -73,6 +76,11 @@ def count(number: int, thing: str) -> str:
 def fill_in(template: str, values: Mapping[str, object]) -> str:
     """Return a template with each @NAME@ replaced by the value of that name."""
     return re.sub(r"@(\w+)@", lambda found: str(values[found[1]]), template)
+
+
+def command_line(*words: str) -> str:
+    """Return a command, or a part of one, as a person types it in this system's shell."""
+    return shlex.join(words) if os.name == "posix" else subprocess.list2cmdline(words)
 
 
 def first_line(error: object) -> str:

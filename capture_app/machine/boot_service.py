@@ -2,7 +2,6 @@
 
 import getpass
 import os
-import shlex
 import shutil
 import subprocess
 import sys
@@ -13,6 +12,7 @@ from pathlib import Path
 from platformdirs import user_config_path
 
 from capture_app.common.errors import BadInputError, NotAvailableError
+from capture_app.common.text import command_line
 
 _UNIT = """\
 [Unit]
@@ -74,7 +74,7 @@ class BootService:
             raise NotAvailableError(
                 "systemd is not available on this machine",
                 hint="have its own service manager (launchd, Windows' Task Scheduler) start: capture-app "
-                + shlex.join(self.arguments),
+                + command_line(*self.arguments),
             )
         earlier = self.path.read_text() if self.path.exists() else None
         self.path.parent.mkdir(parents=True, exist_ok=True)

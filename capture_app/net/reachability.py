@@ -66,6 +66,7 @@ class Obstacle:
 
 _OF_ERRNO = {
     errno.ECONNREFUSED: ProbeAnswer.REFUSED,
+    errno.ECONNRESET: ProbeAnswer.REFUSED,  # a datagram's, on Windows
     errno.EPERM: ProbeAnswer.FORBIDDEN,
     errno.EACCES: ProbeAnswer.FORBIDDEN,
     errno.ENETUNREACH: ProbeAnswer.NO_ROUTE,

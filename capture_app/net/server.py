@@ -1,6 +1,8 @@
 """Server of a leader's port, one number for UDP and TCP, with limits for unknown peers."""
 
 import asyncio
+import errno
+import os
 import socket
 from collections import defaultdict
 from collections.abc import Awaitable, Callable, Iterable
@@ -226,7 +228,10 @@ def _cannot_listen(host: str, port: int, error: OSError) -> NetworkError:
     address = Address(host, port)
     if isinstance(error, socket.gaierror):
         return NetworkError(f"cannot listen on {address}: {error.strerror}", hint="check the host's name")
-    return NetworkError(
-        f"cannot listen on {address}: {error.strerror or error}",
-        hint="another leader may use it: choose another port with --port" if "in use" in str(error) else "",
-    )
+    # Windows says that access is denied.
+    if error.errno == errno.EADDRINUSE or (os.name == "nt" and isinstance(error, PermissionError)):
+        return NetworkError(
+            f"cannot listen on {address}: the port is in use",
+            hint="another leader may use it: choose another with --port",
+        )
+    return NetworkError(f"cannot listen on {address}: {error.strerror or error}")

@@ -5,7 +5,6 @@ shown, set, and measured on one camera for all.
 """
 
 import asyncio
-import shlex
 from collections.abc import AsyncGenerator, AsyncIterator, Mapping, Sequence
 from typing import Any, TypeVar
 
@@ -23,6 +22,7 @@ from capture_app.common.errors import (
     UnknownMachineError,
 )
 from capture_app.common.node_state import NodeState
+from capture_app.common.text import command_line
 from capture_app.common.timeouts import ANSWER_TIMEOUT_S, ORDER_TIMEOUT_S, STATUS_TIMEOUT_S
 from capture_app.net.asking import ask, ask_all_nodes, receive_answer
 from capture_app.net.channel import Channel, connect
@@ -141,7 +141,7 @@ def start_again(rig: RigStatus) -> str:
     """Return how to restart a rig whose leader is lost."""
     if rig.relay is not None:
         return "is its relay still there?"
-    port, folder = parse_address(rig.leader).port, shlex.quote(rig.sessions_folder or "sessions")
+    port, folder = parse_address(rig.leader).port, command_line(rig.sessions_folder or "sessions")
     return (
         "if it has ended, start it again on its machine:"
         f" capture-app rig start --port {port} --sessions {folder}"

@@ -5,14 +5,13 @@ from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
-from shlex import quote
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import msgspec
 
 from capture_app.common import system
 from capture_app.common.plugins import load_plugin, load_plugins
-from capture_app.common.text import pretty_json
+from capture_app.common.text import command_line, pretty_json
 from capture_app.console.terminal import Progress
 from capture_app.session.files.durable import write_atomic
 from reconstruction.common.options import CHECKS, METHODS, checked, command_flag, described
@@ -91,7 +90,7 @@ class Method(Check, frozen=True, kw_only=True, dict=True):
         if condition != SYNCHRONIZED:
             words += ["--condition", condition.option]
         words += [*_times_typed(self.time_shifts_ms), "--out", f"{out}/$k" if loop else out]
-        line = " ".join(word if "$k" in word else quote(word) for word in words)
+        line = " ".join(word if "$k" in word else command_line(word) for word in words)
         return f"for k in {' '.join(map(str, loop))}; do {line}; done" if loop else line
 
     def require(self) -> None:

@@ -1,6 +1,5 @@
 """`capture-app sessions import`: other programs' recordings become sessions."""
 
-import shlex
 import subprocess
 import sys
 from itertools import chain, pairwise
@@ -16,7 +15,7 @@ from capture_app.common.instants import COMPARED_MS
 from capture_app.common.names import name_like
 from capture_app.common.optional_packages import RECONSTRUCTION
 from capture_app.common.plugins import plugin_names
-from capture_app.common.text import count
+from capture_app.common.text import command_line, count
 from capture_app.console.terminal import FiniteRange, answer, json_option, show_count, talk
 from capture_app.console.usage import examples, write_plugins
 from capture_app.session.alignment.alignment_method import GROUP as ALIGNMENTS
@@ -232,7 +231,7 @@ def _say_next(session: Session) -> None:
     # A comparison looks for this delay between two frames, to within half of their interval.
     compared_ns = COMPARED_MS * 1e6
     too_far = step_ns > 2 * compared_ns or 0 < times_ns[-1] - times_ns[0] < compared_ns - step_ns / 2
-    alone, folder = len(session.manifest.cameras) < 2, shlex.quote(str(session.folder))
+    alone, folder = len(session.manifest.cameras) < 2, command_line(str(session.folder))
     if not calibrated and not alone:
         talk(f"depth needs a calibration: reconstruct calibrate {folder}, by a board or what is still")
     # To look at the pictures works whatever they show.

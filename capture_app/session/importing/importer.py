@@ -6,7 +6,6 @@ recognizes are plain images and videos.
 """
 
 import re
-import shlex
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
@@ -16,7 +15,7 @@ from pathlib import Path
 from capture_app.common.errors import BadInputError
 from capture_app.common.names import is_name, name_like, natural_order
 from capture_app.common.plugins import load_plugins
-from capture_app.common.text import count
+from capture_app.common.text import command_line, count
 from capture_app.session.format.manifest import IMAGE_SUFFIXES
 from capture_app.session.importing.recording_sources import (
     ARCHIVE_SUFFIXES,
@@ -170,7 +169,7 @@ def _archive(path: Path) -> BadInputError:
     folder = path.with_suffix("")
     return BadInputError(
         f"{path} is an archive",
-        hint=f"unpack it into {folder}, then: capture-app sessions import {shlex.quote(str(folder))}",
+        hint=f"unpack it into {folder}, then: capture-app sessions import {command_line(str(folder))}",
     )
 
 
@@ -211,7 +210,7 @@ def _cameras_in(folder: Path) -> list[_Camera]:
     if 1 < len(folders) == len(flat) and len({tuple(sorted(cameras)) for cameras in flat.values()}) == 1:
         raise BadInputError(
             f"{folder} has folders with images of several cameras: {', '.join(map(str, flat))}",
-            hint=f"import one at a time: capture-app sessions import {shlex.quote(str(next(iter(flat))))}",
+            hint=f"import one at a time: capture-app sessions import {command_line(str(next(iter(flat))))}",
         )
     if flat and len(folders) < 2:
         ((place, cameras),) = flat.items()
@@ -221,7 +220,7 @@ def _cameras_in(folder: Path) -> list[_Camera]:
             raise BadInputError(
                 f"{folder} has {count(len(images), 'image')}, whose names tell no cameras apart",
                 hint="put each camera's into a folder; or as one camera: capture-app sessions import "
-                f"cam0={shlex.quote(str(folder))} --fps RATE",
+                f"cam0={command_line(str(folder))} --fps RATE",
             )
         if archives := sorted(path for path in folder.iterdir() if path.suffix.lower() in ARCHIVE_SUFFIXES):
             raise _archive(archives[0])

@@ -155,7 +155,8 @@ class VideoStore:
             try:
                 if frames:
                     system.sync_data(video.handle)
-                    if not os.fstat(video.handle).st_nlink:
+                    is_there = os.name != "nt" or (self._folder / video.record.path).exists()
+                    if not (os.fstat(video.handle).st_nlink and is_there):
                         # A person has deleted it; no frame of it may count as saved.
                         raise FileNotFoundError(ENOENT, os.strerror(ENOENT), video.record.path)
                     video.lines.append(*(line for _, line, _ in frames), durable=True)

@@ -16,7 +16,7 @@ from textual.content import Content
 from capture_app.common.errors import BadInputError
 from capture_app.common.plugins import COMMANDS as PLUGIN_COMMANDS
 from capture_app.common.plugins import SESSION_COMMANDS, plugin_names
-from capture_app.common.text import ProgressStep, printable, rough_time
+from capture_app.common.text import ProgressStep, command_line, printable, rough_time
 from capture_app.session.exporting.exporter import GROUP
 from capture_app.tui.signs import Sign
 
@@ -71,7 +71,7 @@ class Command:
 
     def line(self, session: Path, out: Path | None, options: str) -> str:
         """Return the equivalent command line."""
-        return shlex.join((_PROGRAMS.get(self.module, self.module), *self.arguments(session, out, options)))
+        return command_line(_PROGRAMS.get(self.module, self.module), *self.arguments(session, out, options))
 
 
 _STUDIES = (

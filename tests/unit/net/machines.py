@@ -59,7 +59,7 @@ class Machine:
 @contextmanager
 def two_machines() -> Iterator[tuple[Machine, Machine]]:
     """Make a leader's machine and a node's, joined by a cable; skip the test where that cannot be."""
-    if os.geteuid() != 0 or shutil.which("ip", path=SEARCH_PATH) is None:
+    if not hasattr(os, "geteuid") or os.geteuid() != 0 or shutil.which("ip", path=SEARCH_PATH) is None:
         pytest.skip("network namespaces need root and iproute2")
     pair = next(_PAIRS)
     leader, node = (Machine(f"simulshot-{os.getpid()}-{role}{pair}") for role in ("leader", "node"))
@@ -84,7 +84,7 @@ def machines_on_cables(count: int) -> Iterator[tuple[Machine, list[tuple[Machine
 
     Skips the test where that cannot be.
     """
-    if os.geteuid() != 0 or shutil.which("ip", path=SEARCH_PATH) is None:
+    if not hasattr(os, "geteuid") or os.geteuid() != 0 or shutil.which("ip", path=SEARCH_PATH) is None:
         pytest.skip("network namespaces need root and iproute2")
     pair = next(_PAIRS)
     hub, *others = (Machine(f"simulshot-{os.getpid()}-star{pair}-{number}") for number in range(count + 1))

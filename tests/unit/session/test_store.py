@@ -252,7 +252,7 @@ for instant in range(1000):
 def test_a_killed_writer_loses_nothing_it_promised(tmp_path: Path, calls: int) -> None:
     command = [sys.executable, "-c", KILLED_WRITER, str(tmp_path), str(calls)]
     child = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
-    assert child.returncode == -9, child.stderr
+    assert child.returncode in (-9, 9), child.stderr  # 9: ended by TerminateProcess
     folder = tmp_path / "killed"
     lines = (folder / JOURNAL).read_bytes().splitlines()
     records = [msgspec.json.decode(line, type=ImageRecord) for line in lines]

@@ -10,11 +10,11 @@ from datetime import UTC, datetime
 from decimal import Decimal
 from itertools import pairwise
 from pathlib import Path, PurePath
-from shlex import quote
 
 from capture_app.common.bounds import CENTURY_NS
 from capture_app.common.errors import BadInputError
 from capture_app.common.names import natural_order
+from capture_app.common.text import command_line
 from capture_app.session.files.untrusted_files import read_text, rejecting
 from capture_app.session.format.camera_labels import describe_pairs, pair_labels
 from capture_app.session.importing.frame_matching import (
@@ -321,7 +321,7 @@ def _fit(sources: Sequence[Source], tables: Sequence[Table], notes: list[str]) -
         why = "each may count from its camera's own start"
     if why:
         given = " ".join(
-            f"--timestamps {quote(f'{name}={path}' if name else str(path))}" for name, path in tables
+            f"--timestamps {command_line(f'{name}={path}' if name else str(path))}" for name, path in tables
         )
         fits += f", not taken: {why}; if one clock gave them: {given}"
     notes.append(f"times: {names}{': ' if why else ', '}{fits}")

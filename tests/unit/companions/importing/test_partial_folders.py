@@ -66,7 +66,7 @@ def test_what_is_no_recording_is_named_with_what_would_read_it(
         archive.writestr("a.mp4", b"")
     talk = refused(tmp_path / "shoot.zip", capsys)
     assert "is an archive" in talk
-    assert f"capture-app sessions import {tmp_path}/shoot" in talk
+    assert f"capture-app sessions import {tmp_path / 'shoot'}" in talk
     (tmp_path / "packed").mkdir()
     (tmp_path / "shoot.zip").rename(tmp_path / "packed" / "shoot.zip")
     assert "packed/shoot.zip is an archive" in refused(tmp_path / "packed", capsys)

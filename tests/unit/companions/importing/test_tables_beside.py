@@ -93,7 +93,7 @@ def test_times_since_some_start_are_a_question(tmp_path: Path, begins_s: tuple[f
         (tmp_path / "rec" / f"{name}.csv").write_text(rows(begin_s))
     session, said = imported(tmp_path / "rec")
     assert common(session).unknown
-    given = [f"{name}={tmp_path / 'rec' / name}.csv" for name in "ab"]
+    given = [f"{name}={tmp_path / 'rec' / f'{name}.csv'}" for name in "ab"]
     assert f"if one clock gave them: --timestamps {given[0]} --timestamps {given[1]}" in said
     command = ["sessions", "import", str(tmp_path / "rec"), "--out", str(tmp_path), "--name", "given"]
     assert run([*command, "--timestamps", given[0], "--timestamps", given[1]]) == ExitCode.OK

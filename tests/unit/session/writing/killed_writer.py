@@ -28,6 +28,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 from capture_app.common.address import Address
 from capture_app.machine.repair import repair
 from capture_app.protocol.log import Log
@@ -131,7 +133,7 @@ def record_of(camera: int, instant: int) -> ImageRecord:
     )  # fmt: skip
 
 
-REAL: dict[str, Any] = {name: getattr(os, name) for name in CHANGING}
+REAL: dict[str, Any] = {name: getattr(os, name) for name in CHANGING if hasattr(os, name)}
 
 
 def die_at(step: int, further: Sequence[tuple[Any, str]] = ()) -> None:
@@ -150,12 +152,12 @@ def die_at(step: int, further: Sequence[tuple[Any, str]] = ()) -> None:
                     REAL["write"](arguments[0], bytes(arguments[1])[: len(arguments[1]) // 2])
                 elif left == 0:
                     real(*arguments, **options)
-                os.kill(os.getpid(), signal.SIGKILL)
+                os.kill(os.getpid(), 9)
             return real(*arguments, **options)
 
         return call
 
-    for name in CHANGING:
+    for name in REAL:
         setattr(os, name, deadly(name, REAL[name]))
     for module, name in further:
         setattr(module, name, deadly(name, getattr(module, name)))
@@ -163,6 +165,8 @@ def die_at(step: int, further: Sequence[tuple[Any, str]] = ()) -> None:
 
 def run(work: Callable[[int], None], kill_after_s: float | None = None) -> tuple[int, bytes]:
     """Run in a child, and return how it ended and what it told."""
+    if not hasattr(os, "fork"):
+        pytest.skip("Windows cannot fork")
     reading, telling = os.pipe()
     child = os.fork()
     if not child:

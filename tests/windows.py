@@ -1,0 +1,43 @@
+"""Unit tests that Windows skips, each with its reason; they are skipped by name, and fail nowhere else."""
+
+import sys
+from pathlib import Path
+
+import pytest
+
+_LINKS = "Windows gives links to administrators only, and Wine follows none"
+FILES = {
+    "session/test_poor_disks.py": "the calls of a POSIX disk fail there",
+    "session/writing/test_power_cut.py": "the calls of a POSIX disk are watched there",
+    "session/writing/test_kills.py": "Windows cannot fork",
+    "session/writing/test_output_folder.py": "a POSIX disk is watched there, and writers are forked",
+    "net/machines.py": "machines are network namespaces of Linux",
+}
+"""By their paths in tests/unit."""
+TESTS: dict[str, str] = {
+    "test_a_trash_that_is_a_link_is_left_alone_and_the_reason_is_given": _LINKS,
+    "test_paths_out_of_the_session_are_refused": _LINKS,
+    "test_a_pipe_in_a_session_keeps_nobody_waiting": "Windows has no pipes in folders",
+    "test_a_writer_that_ends_keeps_no_file_open": "/proc lists a process's open files on Linux",
+    "test_a_chunk_that_unpacks_to_256_mb_is_refused": "memory is limited by RLIMIT_AS there",
+    "test_a_pipe_is_refused_and_not_waited_for": "Windows has no pipes in folders",
+    "test_what_is_imported_and_exported_is_for_its_owner_and_group": "rights are lists there",
+    "test_a_link_out_of_the_folder_is_followed_and_said": _LINKS,
+    "test_the_priority_does_not_add_to_the_parents": "Windows has no niceness",
+    "test_a_library_of_the_system_that_is_missing": "it is a library of Linux",
+    "test_an_identity_is_made_once_and_only_its_user_can_read_it": "rights are lists there",
+}
+"""By the name of the test, without its parameters."""
+
+
+def pytest_ignore_collect(collection_path: Path) -> bool | None:
+    """Ignore the files that Windows cannot run."""
+    name = collection_path.as_posix().rpartition("tests/unit/")[2]
+    return True if sys.platform == "win32" and name in FILES else None
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Skip the tests that Windows cannot run."""
+    for item in items:
+        if sys.platform == "win32" and (reason := TESTS.get(item.name.partition("[")[0])):
+            item.add_marker(pytest.mark.skip(reason=reason))

@@ -3,6 +3,7 @@
 import asyncio
 import os
 import platform
+import sys
 import tempfile
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
@@ -275,14 +276,16 @@ def firewalls(active: Sequence[Firewall], ports: Sequence[int]) -> Iterator[Find
         for port in ports:
             if not (opened := firewall.opens(port)):
                 text = f"{firewall.name} is active here, and must allow incoming cameras on port {port}"
-                unseen = " (only root can see whether it does)" if opened is None else ""
+                unseen = " (only an administrator sees whether it does)" if opened is None else ""
                 yield Finding("firewall", "warning", text + unseen, firewall.opening.format(port=port))
         if not firewall.opens(MDNS_PORT) and firewall.name != "ufw":
             # By default, ufw admits mDNS.
             text = f"{firewall.name} is active here: leaders are discovered only if it allows mDNS"
             yield Finding("firewall", "note", text, firewall.opening_udp.format(port=MDNS_PORT))
-    if not active:
+    if not active and sys.platform == "linux":
         yield Finding("firewall", "good", "no firewall is enabled here, according to its files")
+    elif not active:
+        yield Finding("firewall", "note", "whether a firewall is enabled here is not known")
 
 
 def trust(own: Trust) -> Finding:

@@ -5,6 +5,7 @@ saves power sleeps between beacons, so that messages wait until it wakes.
 """
 
 import contextlib
+import os
 import re
 import socket
 import subprocess
@@ -50,7 +51,11 @@ class Firewall:
 
 
 def active_firewalls(root: Path = Path("/")) -> list[Firewall]:
-    """Return the firewalls that are enabled at boot, by their files below `root`."""
+    """Return the firewalls that are enabled at boot, by their files below `root`; Windows' own always is."""
+    if os.name == "nt":
+        rule = "netsh advfirewall firewall add rule name=simulshot dir=in action=allow program="
+        opening = f'as administrator: {rule}"{system.PYTHON[0]}"'
+        return [Firewall("Windows Defender Firewall", opening, opening)]
     addresses = []
     if _UFW_ENABLED.search(_read(root / "etc/ufw/ufw.conf") or ""):
         addresses.append(

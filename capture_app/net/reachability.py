@@ -65,8 +65,6 @@ class Obstacle:
 
 
 _OF_ERRNO = {
-    errno.ECONNREFUSED: ProbeAnswer.REFUSED,
-    errno.ECONNRESET: ProbeAnswer.REFUSED,  # a datagram's, on Windows
     errno.EPERM: ProbeAnswer.FORBIDDEN,
     errno.EACCES: ProbeAnswer.FORBIDDEN,
     errno.ENETUNREACH: ProbeAnswer.NO_ROUTE,
@@ -246,6 +244,9 @@ async def _open(leader: Address) -> ProbeAnswer:
 
 
 def _answer_of(error: OSError) -> ProbeAnswer:
+    # By their types: Windows has other numbers, and resets what is sent to a closed port.
+    if isinstance(error, ConnectionRefusedError | ConnectionResetError):
+        return ProbeAnswer.REFUSED
     return _OF_ERRNO.get(error.errno or 0, ProbeAnswer.SILENCE)
 
 

@@ -40,7 +40,7 @@ def test_ufw_needs_the_port_of_a_leader_and_nothing_of_a_node(tmp_path: Path) ->
     active = active_firewalls(tmp_path)
     (found,) = doctor.firewalls(active, [47010])
     assert found.grade == "warning"
-    assert "only root can see" in found.text
+    assert "only an administrator sees" in found.text
     assert found.remedy == "sudo ufw allow 47010"
     assert list(doctor.firewalls(active, [])) == []
     write(tmp_path, "etc/ufw/user.rules", "### tuple ### allow any 47010 0.0.0.0/0 any 0.0.0.0/0 in\n")

@@ -2,7 +2,7 @@
 
 import asyncio
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Self, TypeVar
@@ -102,22 +102,22 @@ class Child:
 
     def pause(self) -> None:
         """Suspend the process and all its children until `resume`."""
-        self._if_it_runs(system.pause_group)
+        self._signal("pause")
 
     def resume(self) -> None:
         """Resume the process and its children after `pause`."""
-        self._if_it_runs(system.resume_group)
+        self._signal("resume")
 
-    def _if_it_runs(self, act: Callable[[int], None]) -> None:
+    def _signal(self, what: str) -> None:
         with suppress(ProcessLookupError):
             if self.process.returncode is None:
-                act(self.process.pid)
+                system.signal_group(self.process.pid, what)
 
     async def stop(self) -> None:
         """Ask the process and all its children to end, and kill those that do not."""
         with suppress(ProcessLookupError):
-            for end in (system.end_group, system.kill_group):
-                end(self.process.pid)
+            for how in ("end", "kill"):
+                system.signal_group(self.process.pid, how)
                 with suppress(TimeoutError):
                     async with asyncio.timeout(CHILD_STOP_TIMEOUT_S):
                         await self.process.wait()

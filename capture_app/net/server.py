@@ -171,9 +171,7 @@ def _by_host(streams: Iterable[Channel[M]]) -> list[list[Channel[M]]]:
 def allowed_streams() -> int:
     """Return the number of streams that this process has file descriptors for, after raising its limit."""
     files = system.allow_open_files(MAX_FILES)
-    return (
-        MAX_STREAMS if files is None else max(1, min(MAX_STREAMS, (files - OTHER_FILES) // FILES_OF_A_STREAM))
-    )
+    return max(1, min(MAX_STREAMS, (files - OTHER_FILES) // FILES_OF_A_STREAM))
 
 
 def bind_port(host: str, port: int, *, or_free: bool = False) -> tuple[socket.socket, socket.socket]:

@@ -15,7 +15,7 @@ from pathlib import Path
 
 from capture_app.common.file_system_limits import is_missing
 from capture_app.common.system.posix import *  # noqa: F403
-from capture_app.common.system.posix import half_of_memory
+from capture_app.common.system.posix import half_of_memory, plain_move
 
 _SIOCGIWPOWER = 0x8B2D
 _REQUEST = struct.Struct("@16siBBH8x")
@@ -42,12 +42,10 @@ def exchange(one: Path, other: Path) -> bool:
 def move_new(source: Path, target: Path) -> None:
     """Rename a file or folder atomically where nothing has that name. Raises FileExistsError; OSError.
 
-    A file system without such a call can replace an empty folder that is created at the same moment.
+    A file system without such a call does it as `plain_move`.
     """
     if not _renameat2(source, target, _EXCLUSIVELY):
-        if target.exists():
-            raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), str(target))
-        source.rename(target)
+        plain_move(source, target)
 
 
 def _renameat2(one: Path, other: Path, how: int) -> bool:

@@ -1,6 +1,5 @@
 """What macOS does in another way than Linux, by Apple's manual pages; it has not been run on a Mac yet."""
 
-import errno
 import fcntl
 import os
 import threading
@@ -8,7 +7,7 @@ import time
 from pathlib import Path
 
 from capture_app.common.system.posix import *  # noqa: F403
-from capture_app.common.system.posix import half_of_memory
+from capture_app.common.system.posix import half_of_memory, plain_move
 
 _F_FULLFSYNC = getattr(fcntl, "F_FULLFSYNC", 51)
 _LOOK_EVERY_S = 0.5
@@ -33,14 +32,7 @@ def exchange(one: Path, other: Path) -> bool:
     return False
 
 
-def move_new(source: Path, target: Path) -> None:
-    """Rename a file or folder where nothing has that name. Raises FileExistsError; OSError.
-
-    It can replace an empty folder that is created at the same moment.
-    """
-    if target.exists():
-        raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), str(target))
-    source.rename(target)
+move_new = plain_move
 
 
 def hold_name(handle: int, name: str) -> None:

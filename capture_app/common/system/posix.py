@@ -1,6 +1,7 @@
 """What Linux and macOS have in common; each call that one of them lacks is looked up when it is used."""
 
 import asyncio
+import errno
 import fcntl
 import os
 import resource
@@ -9,17 +10,24 @@ import socket
 import struct
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
+from capture_app.common.system.every import *  # noqa: F403
+from capture_app.common.system.every import NO_LIMIT, Received
+
 PYTHON = (sys.executable,)
 """Command line of this interpreter, which a child process begins with."""
-NO_LIMIT = 1 << 62
-"""Bytes that stand for "as much as there is"."""
 SO_TIMESTAMPNS = 35
 """Linux's number of the socket option, which the socket module lacks."""
+_SIGNALS = {
+    "end": (signal.SIGTERM, signal.SIGCONT),
+    "kill": (signal.SIGKILL,),
+    "pause": (signal.SIGSTOP,),
+    "resume": (signal.SIGCONT,),
+}
 _TIMESPEC = struct.Struct("@ll")
 _ANCILLARY_BYTES = socket.CMSG_SPACE(_TIMESPEC.size)
 
@@ -66,13 +74,6 @@ def replace(source: Path, target: Path) -> None:
 def flock(handle: int, *, shared: bool = False, wait: bool = False) -> None:
     """Lock an open file or folder until its handle is closed. Raises BlockingIOError; OSError."""
     fcntl.flock(handle, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | (0 if wait else fcntl.LOCK_NB))
-
-
-Received = Callable[[bytes, tuple[str, int], int | None, int | None], None]
-"""Takes a datagram, the address that sent it, and its receipt in ns: by the wall clock or by `monotonic_ns`.
-
-The system has stamped it by one of the two clocks, or by none.
-"""
 
 
 def receive_datagrams(
@@ -134,22 +135,6 @@ def on_end(end: Callable[[], object]) -> None:
 
 
 @contextmanager
-def on_interrupt(interrupt: Callable[[], object]) -> Iterator[None]:
-    """Call `interrupt` in the running loop for each Ctrl-C within the block."""
-    loop = asyncio.get_running_loop()
-    loop.add_signal_handler(signal.SIGINT, interrupt)
-    try:
-        yield
-    finally:
-        loop.remove_signal_handler(signal.SIGINT)
-
-
-def end_as_interrupt() -> None:
-    """Let a request to end this process raise KeyboardInterrupt, as Ctrl-C does, so that it cleans up."""
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
-
-
-@contextmanager
 def interrupts_blocked() -> Iterator[None]:
     """Start no thread or process within the block that handles Ctrl-C: they inherit that."""
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
@@ -176,28 +161,12 @@ def is_running(pid: int) -> bool:
     return True
 
 
-def end_group(pid: int) -> None:
-    """Ask the group of a process to end, even a paused one. Raises ProcessLookupError if it has."""
-    _signal_group(pid, signal.SIGTERM, signal.SIGCONT)
+def signal_group(pid: int, what: str) -> None:
+    """Have the group of a process end, also while it pauses; kill, pause or resume it.
 
-
-def kill_group(pid: int) -> None:
-    """End the group of a process at once. Raises ProcessLookupError if it has ended."""
-    _signal_group(pid, signal.SIGKILL)
-
-
-def pause_group(pid: int) -> None:
-    """Suspend the group of a process until `resume_group`. Raises ProcessLookupError if it has ended."""
-    _signal_group(pid, signal.SIGSTOP)
-
-
-def resume_group(pid: int) -> None:
-    """Resume the group of a process after `pause_group`. Raises ProcessLookupError if it has ended."""
-    _signal_group(pid, signal.SIGCONT)
-
-
-def _signal_group(pid: int, *signals: signal.Signals) -> None:
-    for number in signals:
+    `what` is one of these words. Raises ProcessLookupError if it has ended.
+    """
+    for number in _SIGNALS[what]:
         os.killpg(pid, number)
 
 
@@ -206,14 +175,14 @@ def lower_priority(niceness: int) -> None:
     os.nice(max(0, niceness - os.nice(0)))
 
 
-def usable_cores() -> list[int]:
-    """Return the numbers of the processor cores that this process may use."""
-    return sorted(getattr(os, "sched_getaffinity", lambda _: range(os.cpu_count() or 1))(0))
+def plain_move(source: Path, target: Path) -> None:
+    """Rename a file or folder where nothing has that name. Raises FileExistsError; OSError.
 
-
-def use_cores(cores: Sequence[int]) -> None:
-    """Run this thread, and those that it starts, on these cores only, where the system can do that."""
-    getattr(os, "sched_setaffinity", lambda *_: None)(0, cores)
+    It can replace an empty folder that is created at the same moment.
+    """
+    if target.exists():
+        raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), str(target))
+    source.rename(target)
 
 
 def half_of_memory() -> int:
@@ -227,13 +196,10 @@ def address_space() -> int:
     return NO_LIMIT if limit == resource.RLIM_INFINITY else limit
 
 
-def allow_open_files(wanted: int) -> int | None:
-    """Raise this process's limit of open files and sockets; return the limit, None if there is none."""
+def allow_open_files(wanted: int) -> int:
+    """Raise this process's limit of open files and sockets, and return the limit."""
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
-    if soft == resource.RLIM_INFINITY:
-        return None
-    target = max(soft, wanted if hard == resource.RLIM_INFINITY else min(wanted, hard))
-    with suppress(OSError, ValueError):
-        resource.setrlimit(resource.RLIMIT_NOFILE, (target, hard))
-        return target
-    return soft
+    if 0 <= soft < wanted:
+        with suppress(OSError, ValueError):
+            resource.setrlimit(resource.RLIMIT_NOFILE, (min(wanted, hard % NO_LIMIT), hard))
+    return resource.getrlimit(resource.RLIMIT_NOFILE)[0] % NO_LIMIT

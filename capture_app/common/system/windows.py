@@ -16,17 +16,18 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, nullcontext, suppress
+from collections.abc import Callable, Mapping
+from contextlib import nullcontext, suppress
 from pathlib import Path
 from typing import Any
 
 import psutil
 
+from capture_app.common.system.every import *  # noqa: F403
+from capture_app.common.system.every import NO_LIMIT, Received
+
 PYTHON = (getattr(sys, "_base_executable", sys.executable),)
 """Command line of this interpreter; a virtual environment's python.exe starts it as a child of its own."""
-NO_LIMIT = 1 << 62
-"""Bytes that stand for "as much as there is"."""
 assert sys.platform == "win32"  # type checkers look at it for Windows only
 
 _FROM_STATE = {os.O_RDONLY: 0x80000000, os.O_WRONLY: 0x40000000, os.O_RDWR: 0xC0000000}
@@ -35,16 +36,20 @@ _SHARED, _NORMAL, _FOLDER = 7, 0x80, 0x02000000
 """FILE_SHARE_READ, _WRITE and _DELETE; FILE_ATTRIBUTE_NORMAL; FILE_FLAG_BACKUP_SEMANTICS."""
 _HELD = (5, 231)
 """ERROR_ACCESS_DENIED, ERROR_PIPE_BUSY."""
+_ACTS: dict[str, Callable[[psutil.Process], None]] = {
+    "end": psutil.Process.resume,
+    "kill": psutil.Process.kill,
+    "pause": psutil.Process.suspend,
+    "resume": psutil.Process.resume,
+}
 _PAUSES_S = (0.001, 0.005, 0.02, 0.1, 0.3)
 """A virus scanner or an indexer holds a new file for moments."""
-_CLOSING = (2, 5, 6)
-"""CTRL_CLOSE_EVENT, CTRL_LOGOFF_EVENT, CTRL_SHUTDOWN_EVENT."""
+_CLOSING = 2
+"""CTRL_CLOSE_EVENT; those of a session's or the system's end are greater, of keys less."""
 _TO_CLOSE_S = 4.5
 """Windows ends a process 5 s after its window was closed."""
 _kernel = ctypes.WinDLL("kernel32", use_last_error=True)
-with suppress(OSError):
-    ctypes.WinDLL("winmm").timeBeginPeriod(1)
-
+ctypes.WinDLL("winmm").timeBeginPeriod(1)
 
 monotonic_ns = time.perf_counter_ns
 """Returns the clock of this machine that never steps, in ns: QueryPerformanceCounter.
@@ -91,14 +96,10 @@ def _open(path: str | Path, access: int, how: int, attributes: int, flags: int) 
     return msvcrt.open_osfhandle(opened, flags | os.O_BINARY | os.O_NOINHERIT)
 
 
-_reading = threading.Lock()
-
-
 def read_at(handle: int, size: int, offset: int) -> bytes:
-    """Return up to `size` bytes of an open file from `offset` on; from several threads at once."""
-    with _reading:
-        os.lseek(handle, offset, os.SEEK_SET)
-        return os.read(handle, size)
+    """Return up to `size` bytes of an open file from `offset` on."""
+    os.lseek(handle, offset, os.SEEK_SET)
+    return os.read(handle, size)
 
 
 sync_data = os.fsync
@@ -157,13 +158,6 @@ def hold_name(handle: int, name: str) -> None:
     os.close(named)
 
 
-Received = Callable[[bytes, tuple[str, int], int | None, int | None], None]
-"""Takes a datagram, the address that sent it, and its receipt in ns: by the wall clock or by `monotonic_ns`.
-
-The system has stamped it by one of the two clocks, or by none.
-"""
-
-
 def receive_datagrams(
     sock: socket.socket, max_bytes: int, received: Received, drained: Callable[[], None], *, at_once: int
 ) -> Callable[[], object]:
@@ -182,9 +176,7 @@ def receive_datagrams(
             try:
                 data, address = sock.recvfrom(max_bytes)
             except OSError:
-                if sock.fileno() < 0:
-                    return
-                continue  # an ICMP error: something was sent to a closed port
+                continue  # an ICMP error: something was sent to a closed port; or this one is closed
             stamp_ns = monotonic_ns()
             room.acquire()
             try:
@@ -224,7 +216,7 @@ def on_end(end: Callable[[], object]) -> None:
     signal.signal(signal.SIGBREAK, lambda *_: loop.call_soon_threadsafe(end))
 
     def closing(event: int) -> int:
-        if event in _CLOSING:
+        if event >= _CLOSING:
             with suppress(RuntimeError):
                 loop.call_soon_threadsafe(end)
             time.sleep(_TO_CLOSE_S)  # the process is ended as soon as this returns
@@ -236,22 +228,6 @@ def on_end(end: Callable[[], object]) -> None:
 
 _handlers: list[Any] = []
 """Functions that the system calls, which must not be freed."""
-
-
-@contextmanager
-def on_interrupt(interrupt: Callable[[], object]) -> Iterator[None]:
-    """Call `interrupt` in the running loop for each Ctrl-C within the block."""
-    loop = asyncio.get_running_loop()
-    before = signal.signal(signal.SIGINT, lambda *_: loop.call_soon_threadsafe(interrupt))
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)
-
-
-def end_as_interrupt() -> None:
-    """Let Ctrl-Break, which `end_group` sends, raise KeyboardInterrupt, so that this process cleans up."""
-    signal.signal(signal.SIGBREAK, signal.default_int_handler)
 
 
 interrupts_blocked = nullcontext
@@ -274,31 +250,11 @@ is_running = psutil.pid_exists
 """Takes a process's number, and returns whether it runs on this machine, also another user's."""
 
 
-def end_group(pid: int) -> None:
-    """Ask the group of a process to end. Raises ProcessLookupError if it has."""
-    resume_group(pid)
-    try:
-        os.kill(pid, signal.CTRL_BREAK_EVENT)
-    except OSError:  # it has another console, or none
-        kill_group(pid)
+def signal_group(pid: int, what: str) -> None:
+    """Have a process and its children end, also while they pause; kill, pause or resume them.
 
-
-def kill_group(pid: int) -> None:
-    """End a process and its children at once. Raises ProcessLookupError if it has ended."""
-    _each(pid, psutil.Process.kill)
-
-
-def pause_group(pid: int) -> None:
-    """Suspend a process and its children until `resume_group`. Raises ProcessLookupError if it has ended."""
-    _each(pid, psutil.Process.suspend)
-
-
-def resume_group(pid: int) -> None:
-    """Resume a process and its children after `pause_group`. Raises ProcessLookupError if it has ended."""
-    _each(pid, psutil.Process.resume)
-
-
-def _each(pid: int, act: Callable[[psutil.Process], None]) -> None:
+    `what` is one of these words. Raises ProcessLookupError if it has ended.
+    """
     try:
         process = psutil.Process(pid)
         every = [process, *process.children(recursive=True)]
@@ -306,7 +262,10 @@ def _each(pid: int, act: Callable[[psutil.Process], None]) -> None:
         raise ProcessLookupError(errno.ESRCH, os.strerror(errno.ESRCH)) from error
     for one in every:
         with suppress(psutil.Error):
-            act(one)
+            _ACTS[what](one)
+    if what == "end":
+        with suppress(OSError):  # it has another console, or none, and will be killed
+            os.kill(pid, signal.CTRL_BREAK_EVENT)
 
 
 def end_with_parent(parent: int) -> None:
@@ -330,16 +289,6 @@ def raise_thread_priority() -> None:
     """Do nothing: Windows raises a thread's priority for moments when what it waits for has come."""
 
 
-def usable_cores() -> list[int]:
-    """Return the numbers of the processor cores that this process may use."""
-    return list(psutil.Process().cpu_affinity())
-
-
-def use_cores(cores: Sequence[int]) -> None:
-    """Run this process on these cores only."""
-    psutil.Process().cpu_affinity(list(cores))
-
-
 def machine_memory() -> int:
     """Return the memory that is free, in bytes."""
     return int(psutil.virtual_memory().available)
@@ -350,9 +299,9 @@ def address_space() -> int:
     return NO_LIMIT
 
 
-def allow_open_files(wanted: int) -> int | None:
-    """Return None: Windows does not limit a process's files and sockets."""
-    return None
+def allow_open_files(wanted: int) -> int:
+    """Return NO_LIMIT: Windows does not limit a process's files and sockets."""
+    return NO_LIMIT
 
 
 def share_heaps(heaps: int) -> None:

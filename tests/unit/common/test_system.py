@@ -150,12 +150,12 @@ def test_a_group_is_paused_resumed_and_killed() -> None:
     with subprocess.Popen([*system.PYTHON, "-c", code], stdout=subprocess.PIPE, **options) as child:
         assert child.stdout is not None
         assert child.stdout.read(1) == b"."
-        system.pause_group(child.pid)
-        system.resume_group(child.pid)
-        system.kill_group(child.pid)
+        system.signal_group(child.pid, "pause")
+        system.signal_group(child.pid, "resume")
+        system.signal_group(child.pid, "kill")
         assert child.wait() != 0
     with pytest.raises(ProcessLookupError):
-        system.kill_group(child.pid)
+        system.signal_group(child.pid, "kill")
 
 
 async def test_datagrams_are_received_with_the_time_of_their_arrival() -> None:

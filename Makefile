@@ -13,6 +13,7 @@
 # make test KIND=libcamera   the rig on real libcamera and the real uvcvideo driver in a virtual machine (slow; root)
 # make test KIND=gige   three GigE Vision cameras of aravis's own making in network namespaces (root, gir1.2-aravis-0.8, gcc; 5 min)
 # make test KIND=mixed   one rig of five kinds: libcamera's double, GigE Vision, a browser, a simulated phone, a recording (root, as KIND=gige, and Chromium)
+# make test KIND=windows   unit tests, rigs and reconstruction with a real Windows Python under Wine (root, 3 GB; 15 min)
 # make test KIND=slurm   batches on a real SLURM of this one machine (root)
 # make coverage   the branches that unit tests take of nodes, of session's writing, of importing, of the rig's sync (4 min)
 # make readers   the programs that exports are for, so that `make test KIND=system` tries each export with them (950 MB)
@@ -60,6 +61,7 @@
 # make pictures NAME=animation   film a take on the real screen for README, a minute or two
 # make pictures NAME=calibration   the pictures of docs/calibration.md, from the simulator (a minute)
 # make wheel   a wheel of this checkout, in dist      make dist   a wheel and an sdist
+# make wheels   wheels for Linux, Windows and macOS, with kernels that ziglang compiles, in dist (five minutes)
 # make docs   the documentation as a site, in build/site; a link or a name that leads nowhere fails
 # make help   all targets
 
@@ -83,7 +85,7 @@ WORKERS ?= $(shell expr $$(nproc 2>/dev/null || echo 2) + 2)
 # it imports.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help install install-capture uninstall demo test coverage readers test-dist bench fuzz samples pictures wheel dist docs check format clean python system slurm
+.PHONY: help install install-capture uninstall demo test coverage readers test-dist bench fuzz samples pictures wheel wheels dist docs check format clean python system slurm
 .DEFAULT_GOAL := help
 
 help:
@@ -100,6 +102,14 @@ uninstall:
 
 wheel: $(VENV)/.installed
 	$(BIN)/python -m pip wheel --quiet --disable-pip-version-check --no-deps --wheel-dir dist .
+
+# Zig's words for the machines that wheels are built for; hatch_build.py has their tags.
+TARGETS := x86_64-linux-gnu.2.17 aarch64-linux-gnu.2.17 x86_64-windows-gnu aarch64-macos.11.0 x86_64-macos.11.0
+
+wheels: $(VENV)/.installed
+	for target in $(TARGETS); do \
+	  SIMULSHOT_TARGET=$$target $(BIN)/python -m pip wheel --quiet --disable-pip-version-check --no-deps --wheel-dir dist . || exit 1; \
+	done
 
 dist: $(VENV)/.installed-dev
 	rm -rf dist
@@ -130,6 +140,7 @@ TEST_v4l2 := $(wildcard tests/nightly/drivers/test_v4l2_*.py)
 TEST_libcamera := tests/nightly/drivers/test_libcamera_rig.py
 TEST_gige := -s tests/nightly/drivers/aravis
 TEST_mixed := -s tests/nightly/drivers/mixed
+TEST_windows := -s tests/nightly/drivers/windows
 TEST_slurm := tests/nightly/drivers/slurm
 
 test: $(VENV)/.installed-dev | $(filter slurm,$(KIND))
@@ -212,7 +223,10 @@ fuzz: $(VENV)/.installed-dev
 check: $(VENV)/.installed-dev
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+	@: text is UTF-8 on each system, which Windows does not assume
+	$(BIN)/ruff check --preview --select PLW1514 capture_app reconstruction
 	$(BIN)/mypy
+	$(BIN)/mypy --platform win32 capture_app/common/system/windows.py
 	$(BIN)/lint-imports
 
 format: $(VENV)/.installed-dev

@@ -15,6 +15,7 @@ DISTRIBUTION = "simulshot"
 RECONSTRUCTION = "reconstruction"
 _OPEN3D = "open3d-cpu"
 """Open3D without CUDA; it and the distribution `open3d` hold the same module, and pip overwrites either."""
+_WINDOWS_RUNTIME = "install Microsoft's runtime of Visual C++: winget install Microsoft.VCRedist.2015+.x64"
 _SYSTEM_LIBRARIES = "libgl1 libegl1 libx11-6 libusb-1.0-0 libudev1 libidn2-0"
 
 
@@ -31,6 +32,7 @@ def load_optional(module: str, extra: str, purpose: str, *, hint: str = "") -> A
         missing = isinstance(error, ModuleNotFoundError) and (error.name or "").partition(".")[0] == package
         if not missing:
             libraries = f"on Debian: apt-get install {_SYSTEM_LIBRARIES}" if extra == RECONSTRUCTION else ""
+            libraries = _WINDOWS_RUNTIME if sys.platform == "win32" else libraries
             raise NotAvailableError(
                 f"{purpose} needs {package}, which does not load here: {error}",
                 hint="; or ".join(filter(None, (libraries, hint))),

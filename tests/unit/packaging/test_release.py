@@ -77,11 +77,12 @@ def test_every_push_and_pull_request_is_tried_on_every_python() -> None:
         assert all("@v" in step["uses"] for step in job["steps"] if "uses" in step)
 
 
-def test_wheels_are_built_and_tried_on_both_processors() -> None:
+def test_wheels_are_built_for_all_systems_and_tried_on_both_processors() -> None:
     jobs = yaml.safe_load((ROOT / ".github" / "workflows" / "release.yml").read_text())["jobs"]
-    built, tried = (jobs[name]["strategy"]["matrix"] for name in ("build", "try"))
-    assert {*built["runner"]} == {*tried["runner"], *(one["runner"] for one in tried["include"])}
-    assert any(runner.endswith("-arm") for runner in built["runner"])
+    assert any(step.get("run", "").endswith("make wheels") for step in jobs["build"]["steps"])
+    tried = jobs["try"]["strategy"]["matrix"]
+    runners = {*tried["runner"], *(one["runner"] for one in tried["include"])}
+    assert {runner.endswith("-arm") for runner in runners} == {True, False}
     named = [line for line in PROJECT["project"]["classifiers"] if re.search(r":: 3\.\d+$", line)]
     assert tried["python"] == [line.rpartition(" ")[2] for line in named]
 

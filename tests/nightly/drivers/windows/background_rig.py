@@ -31,7 +31,7 @@ while "2 cameras ready" not in capture_app("status", *leader):
     assert time.monotonic() < end_s
     time.sleep(1)
 capture_app("burst", *leader, "--name", "b")
-capture_app("record", *leader, "--seconds", seconds, "--name", "r", "--accept-missing", "100")
+capture_app("record", *leader, "--seconds", seconds, "--name", "r", "--max-missing", "100")
 for name in ("b-001", "r-001"):
     assert "are intact" in capture_app("sessions", "verify", rf"{sessions}\{name}")
 capture_app("rig", "stop", *leader)

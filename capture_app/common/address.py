@@ -14,7 +14,8 @@ import ifaddr
 from capture_app.common.errors import NetworkError
 
 _IFF_UP, _IFF_LOOPBACK = 0x1, 0x8
-_KNOWS_FLAGS = Path("/sys/class/net").is_dir()
+_INTERFACES = Path("/sys/class/net")
+_KNOWS_FLAGS = _INTERFACES.is_dir()
 DEFAULT_PORT = 47010
 ANY_HOST = ("", "0.0.0.0", "::")  # noqa: S104 - cameras are other machines
 """Hosts that mean all interfaces."""
@@ -47,9 +48,8 @@ def source_address(host: str, family: socket.AddressFamily = socket.AF_INET) -> 
 def _named_hosts() -> Iterator[tuple[str, ipaddress.IPv4Address | ipaddress.IPv6Address]]:
     for adapter in ifaddr.get_adapters():
         with contextlib.suppress(OSError):
-            # Only Linux has it; others name no interface that is down.
-            told = Path("/sys/class/net") / adapter.name / "flags"
-            flags = int(told.read_text(), 16) if _KNOWS_FLAGS else _IFF_UP
+            # Only Linux has these files; others name no interface that is down.
+            flags = int((_INTERFACES / adapter.name / "flags").read_text(), 16) if _KNOWS_FLAGS else _IFF_UP
             if flags & _IFF_UP and not flags & _IFF_LOOPBACK:
                 for ip in adapter.ips:
                     host = ipaddress.ip_address(ip.ip if isinstance(ip.ip, str) else ip.ip[0])

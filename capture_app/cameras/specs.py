@@ -85,7 +85,10 @@ def parse_spec(spec: str) -> CameraSpec:
         spec = f"{next(kinds, '')}:{spec}"
     kind, _, rest = spec.partition(":")
     if kind not in camera_kinds():
-        forms = " or ".join(driver.SPEC for driver in load_drivers().values())
+        drivers = load_drivers()
+        numbered = [f"{kind}:{spec}" for kind in drivers if drivers[kind].SPEC.startswith(f"{kind}:NUMBER")]
+        # A bare number, as OpenCV and other programs count cameras.
+        forms = " or ".join(numbered if spec.isdecimal() else (driver.SPEC for driver in drivers.values()))
         hint = f"write {forms}" if forms else f"no driver is installed: install {DISTRIBUTION} again"
         raise BadInputError(f"unknown camera {spec!r}", hint=hint)
     device, *parts = (part.strip() for part in rest.split(","))

@@ -26,6 +26,7 @@ from capture_app.console.usage import examples
 @click.command(
     epilog=examples(
         "capture-app node --camera v4l2:/dev/video0",
+        "capture-app node --camera webcam:0",
         "capture-app node --camera v4l2:/dev/video0 --camera v4l2:/dev/video2",
         "capture-app node --camera v4l2:/dev/video0,sound=own",
         "capture-app node --camera v4l2:/dev/video2 --name left --leader 192.168.1.20",

@@ -26,6 +26,7 @@ from capture_app.cameras.frames import (
     picture_from_buffer,
 )
 from capture_app.cameras.specs import DEFAULT_FPS, CameraRequest, read_request
+from capture_app.common import system
 from capture_app.common.camera_facts import (
     DELIVERY_NS,
     CameraFacts,
@@ -37,7 +38,6 @@ from capture_app.common.camera_facts import (
 )
 from capture_app.common.clock import NodeClock
 from capture_app.common.errors import CameraError, NotAvailableError
-from capture_app.common.host_clock import read_pair
 from capture_app.plugins.cameras.webcam.device_names import camera_names
 from capture_app.sync.wire.camera_commands import CameraCommand
 
@@ -148,7 +148,7 @@ class WebcamCamera(ThreadedCamera):
         self._capture.set(
             cv2.CAP_PROP_CONVERT_RGB, 1 - ((self._backend, pixel_format) == ("CAP_V4L2", "MJPG"))
         )
-        self._heard_ns = read_pair()[0]
+        self._heard_ns = system.monotonic_ns()
         try:
             while len(first) <= RATE_FRAMES:
                 first += self._read()
@@ -201,10 +201,10 @@ class WebcamCamera(ThreadedCamera):
 
         Raises TimeoutError if none has come for a while.
         """
-        begun_ns = read_pair()[0]
+        begun_ns = system.monotonic_ns()
         # DirectShow waits for a frame in `retrieve` and the others in `grab`; `read` is both.
         is_there, image = self._capture.read()
-        now_ns = read_pair()[0]
+        now_ns = system.monotonic_ns()
         self._heard_ns = now_ns if is_there else self._heard_ns
         if now_ns - self._heard_ns > SILENCE_NS:
             raise TimeoutError(f"{self._label} sends no frames")

@@ -6,6 +6,8 @@ from pathlib import Path
 import pytest
 
 _LINKS = "Windows gives links to administrators only, and Wine follows none"
+_DELETED = "Wine shows a deleted file until it is closed"
+_SHELL = "a line is split there as shells of POSIX do"
 FILES = {
     "session/test_poor_disks.py": "the calls of a POSIX disk fail there",
     "session/writing/test_power_cut.py": "the calls of a POSIX disk are watched there",
@@ -23,6 +25,8 @@ TESTS: dict[str, str] = {
     "test_a_pipe_is_refused_and_not_waited_for": "Windows has no pipes in folders",
     "test_what_is_imported_and_exported_is_for_its_owner_and_group": "rights are lists there",
     "test_a_link_out_of_the_folder_is_followed_and_said": _LINKS,
+    "test_a_video_that_a_person_has_deleted_has_no_further_frame": _DELETED,
+    "test_equal_lengths_and_rates_are_a_question_and_the_next_command_works": _SHELL,
     "test_the_priority_does_not_add_to_the_parents": "Windows has no niceness",
     "test_a_library_of_the_system_that_is_missing": "it is a library of Linux",
     "test_an_identity_is_made_once_and_only_its_user_can_read_it": "rights are lists there",

@@ -112,7 +112,7 @@ class BurstStatus(Struct, frozen=True, kw_only=True):
     skipped: tuple[SkippedInstant, ...] = ()
     """Instants skipped because a camera had no frame; later ones replaced them."""
     first_leader_ns: int = 0
-    """First instant of a burst that begins later, in leader time; else 0."""
+    """First instant in leader time; 0 for a burst of an earlier run."""
 
 
 class RigStatus(Struct, frozen=True, kw_only=True):

@@ -13,7 +13,9 @@ from capture_app.common.errors import CameraError, SimulshotError
 from capture_app.common.pairing_codes import Role
 from capture_app.companions.phones import wire
 from capture_app.companions.phones.phone import Phone
+from capture_app.companions.softwaresync.app_leader import ANSWER, SAMPLES, AppLeader
 from capture_app.net.channel import Channel
+from capture_app.sync.clock.clock_filter import ClockSample
 from capture_app.sync.rig.leader_engine import Leader, LeaderConfig
 from capture_app.sync.rig.rig_config import RequestedConfig
 from capture_app.sync.wire.codec import WireError, decode, encode
@@ -110,3 +112,30 @@ def read_phone_page(data: bytes, folder: Path) -> None:
 
 async def _swallow(_: str | bytes) -> None:
     """The way to a page that is not there."""
+
+
+def read_app_phone(data: bytes, folder: Path) -> None:
+    """Whatever comes to the ports of phones with the paper's app: datagrams, a length byte before each.
+
+    Of an odd length, it is the end of a clock answer, whose beginning is what was asked last.
+    """
+    now_ns, at, host = 10**12, 0, ("192.0.2.9", 1)
+    leader = AppLeader(lambda line: None, lambda: now_ns)
+    calls: list[bytes] = []
+    leader.send = lambda sent, to: calls.append(sent)
+    leader.datagram_received(b"\0\0\0\1a,192.0.2.9,false", host)
+    # An honest phone of the same address, so that there is something to spoil.
+    for _ in range(SAMPLES):
+        now_ns += 20_000_000
+        leader.rig_clock.add(ClockSample(now_ns - 9000, now_ns, now_ns, now_ns))
+        leader.datagram_received(ANSWER.pack(now_ns - 9000, 5, 5 + len(calls)), host)
+    while at < len(data):
+        length, now_ns = data[at], now_ns + 3_000_000
+        datagram, at = data[at + 1 : at + 1 + length], at + 1 + length
+        if length % 2:
+            datagram = ANSWER.pack(now_ns - 9000, 0, 0)[:8] + datagram[:16].ljust(16, b"\0")
+        leader.datagram_received(datagram, host)
+    for _ in range(7):
+        leader.tell_time()
+        now_ns += 10**9
+    assert leader.phones == {}

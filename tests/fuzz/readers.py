@@ -18,6 +18,7 @@ from tests.fuzz.import_readers import (
     read_table,
 )
 from tests.fuzz.network_readers import (
+    read_app_phone,
     read_datagram,
     read_pairing_word,
     read_phone_page,
@@ -69,5 +70,6 @@ READERS: dict[str, Reader] = {
     "known-machines": read_known_machines,
     "sealed": read_sealed,
     "pairing": read_pairing_word,
+    "app-phone": read_app_phone,
 }
 """By name; the corpus of each is `corpus/NAME`."""

@@ -252,6 +252,7 @@ class BurstSession:
             recording=self.burst.video,
             ended=self.burst.video and (done or self._is_cut_off or self._now_ns > self._ends_ns),
             skipped=self._choice.skipped(self._reported_plans),
+            first_leader_ns=self.burst.instants_ns[0] if self._is_of_this_run else 0,
         )
 
     @property

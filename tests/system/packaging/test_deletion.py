@@ -66,6 +66,7 @@ UNSAID = {
     "capture_app/companions/monitor": ("capture-app monitor", "\n  monitor  "),
     "capture_app/companions/panel": ("--panel", "capture-app panel", "\n  panel  "),
     "capture_app/companions/phones": ("--phones", "capture-app phones", "\n  phones  "),
+    "capture_app/companions/softwaresync": ("\n  softwaresync  ",),
 }
 """What the help says of each companion, and does not say without it."""
 

@@ -7,6 +7,7 @@
 # make test KIND=nightly   all pages, all seeds, crafted files, writers killed at every step (hours; PART=3/12: a twelfth of them)
 # make test KIND=debian   README's commands, as typed, on bare Debians (root; PART=1/2: Debian 12, PART=2/2: 13)
 # make test NEWEST=1   the unit tests with the newest release of everything, in build/newest (remove it to try still newer ones)
+# make test KIND=examples   the property tests with new random examples, ten times as many (some minutes)
 # make test KIND=phones   the page of phones in real browsers
 # make test KIND=docs   every command line of README and docs, run beside a simulated rig (some minutes)
 # make test KIND=v4l2   the rig on real camera drivers in a virtual machine (slow)
@@ -134,6 +135,7 @@ TEST_core := $(CROWD) $(addprefix --ignore tests/unit/,plugins companions recons
 TEST_system := $(CROWD) tests/system
 TEST_debian := tests/nightly/documentation/test_readme_on_bare_debian.py
 TEST_nightly := $(CROWD) --ignore tests/nightly/drivers --ignore $(TEST_debian) tests/nightly
+TEST_examples := $(CROWD) --hypothesis-profile new $(shell grep -rl 'from hypothesis' tests/unit tests/system --include 'test_*.py')
 TEST_docs := -n auto $(wildcard tests/*/documentation)
 TEST_phones := $(wildcard tests/*/companions/phones) tests/system/end_to_end/test_phones.py
 TEST_v4l2 := $(wildcard tests/nightly/drivers/test_v4l2_*.py)

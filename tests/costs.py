@@ -9,11 +9,11 @@ import pytest
 UNIT_LIMIT_S = 1.0
 """Processor time that a test in tests/unit may take in CI; what takes more belongs in tests/system.
 
-It is that of a machine on which `_loop_s` takes LOOP_S; a slower one has more. Elsewhere nothing is
+It is that of a machine on which `loop_s` takes LOOP_S; a slower one has more. Elsewhere nothing is
 refused: at a load of 16 the same test takes two and a half times as much.
 """
 LOOP_S = 0.035
-"""Processor time of `_loop_s` on the machine where the tests were sorted into folders."""
+"""Processor time of `loop_s` on the machine where the tests were sorted into folders."""
 DEAREST = 10
 _PROPERTY = "cpu_s"
 
@@ -32,7 +32,7 @@ def pytest_runtest_call(item: pytest.Item) -> Generator[None, object, object]:
     cost_s = cpu_s() - before_s
     item.user_properties.append((_PROPERTY, cost_s))
     is_unit = os.environ.get("CI") and item.nodeid.startswith("tests/unit/")
-    if is_unit and cost_s > UNIT_LIMIT_S and cost_s > UNIT_LIMIT_S * _loop_s() / LOOP_S:
+    if is_unit and cost_s > UNIT_LIMIT_S and cost_s > UNIT_LIMIT_S * loop_s() / LOOP_S:
         pytest.fail(
             f"a unit test of {cost_s:.1f} s of a processor, over {UNIT_LIMIT_S:g} s: "
             "make it cheaper, or move it to tests/system",
@@ -41,7 +41,7 @@ def pytest_runtest_call(item: pytest.Item) -> Generator[None, object, object]:
     return result
 
 
-def _loop_s() -> float:
+def loop_s() -> float:
     """Measure how long this machine takes now for what always is the same work."""
     before_s = time.process_time()
     sum(number * number for number in range(1_000_000))

@@ -98,7 +98,8 @@ def verify(paths: tuple[Path, ...], as_json: bool) -> None:
             results.append({"session": str(path), "ok": False, "error": str(error), "problems": []})
             failure = failure or error
             continue
-        results.append({"session": str(path), "ok": not problems, "problems": problems})
+        arriving = opened.is_arriving
+        results.append({"session": str(path), "ok": not problems, "arriving": arriving, "problems": problems})
         if problems and failure is None:
             more = f" and {len(problems) - 1} more" if len(problems) > 1 else ""
             lost = all(problem.kind == "missing" for problem in problems)
@@ -108,6 +109,7 @@ def verify(paths: tuple[Path, ...], as_json: bool) -> None:
             )
         if not as_json:
             intact = f"all {len(opened.manifest.images)} images are intact"
+            intact += "; further ones are still arriving" if arriving else ""
             for line in list(map(str, problems)) or [intact]:
                 print_line(f"{path}: {line}")
     if as_json:

@@ -6,13 +6,14 @@ from msgspec import Meta, Struct
 
 CENTURY_NS = 3_155_760_000_000_000_000
 """Sums and differences of two such times fit into 64 bits."""
+MAX_COUNT = 10**18
 MAX_TEXT = 200
 
 TimeNs = Annotated[int, Meta(ge=-CENTURY_NS, le=CENTURY_NS)]
 """Time in ns, or a difference of two: within a century of its clock's zero."""
-Count = Annotated[int, Meta(ge=0, le=10**18)]
+Count = Annotated[int, Meta(ge=0, le=MAX_COUNT)]
 """Number of things, or a duration in ns of at most 31 years."""
-Positive = Annotated[int, Meta(gt=0, le=10**18)]
+Positive = Annotated[int, Meta(gt=0, le=MAX_COUNT)]
 Number = Annotated[int, Meta(ge=0, le=0xFFFF_FFFF)]
 """Number of a client, of a burst, or of one run of a leader."""
 Instance = Annotated[int, Meta(ge=0, le=1 << 62)]
@@ -29,6 +30,14 @@ FilePath = Annotated[str, Meta(max_length=4096)]
 
 class Message(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Message of a stream, identified by its tag; unknown fields are an error."""
+
+
+def sendable(value: float, limit: int = MAX_COUNT) -> int | None:
+    """Return a value as a whole number; None if it exceeds its type's limit and all receivers refuse it.
+
+    A forged clock causes such values. A message that is refused whole is never answered.
+    """
+    return round(value) if abs(value) <= limit else None
 
 
 def cut(text: str, max_letters: int = MAX_TEXT) -> str:

@@ -15,7 +15,7 @@ from capture_app.node.leader.leader_options import LeaderOptions
 from capture_app.protocol.log import Log
 from capture_app.session.format.burst_plan import PLAN, read_plan
 from capture_app.session.format.manifest import IMAGES, JOURNAL, MANIFEST, RIG, MissingImage
-from capture_app.session.reading.reader import Session, is_being_written
+from capture_app.session.reading.reader import Session, writing_state
 from capture_app.session.reading.verify import verify
 
 
@@ -93,9 +93,10 @@ def _sessions(path: Path) -> list[Path]:
 
 def _problem(folder: Path) -> str:
     """Return what is wrong with a session; empty for nothing."""
-    if is_being_written(folder):
-        # Where it is finished, its missing images are arriving.
-        return "" if (folder / MANIFEST).is_file() else "is still being written by another process"
+    state = writing_state(folder)
+    if state in ("being written", "reopened"):
+        # What has arrived late is checked when it is finished again.
+        return "is still being written by another process" if state == "being written" else ""
     try:
         problems = verify(Session.open(folder))
     except SimulshotError as error:

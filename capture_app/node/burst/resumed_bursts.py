@@ -14,8 +14,7 @@ from capture_app.protocol.messages import CameraReport, ImageReceipt, ReportAck
 from capture_app.session.files.disk import SPARE_BYTES, free_bytes
 from capture_app.session.format.burst_plan import PLAN, read_plan
 from capture_app.session.format.manifest import MANIFEST
-from capture_app.session.reading.reader import Session, is_being_written
-from capture_app.session.writing.recovery import INCOMING
+from capture_app.session.reading.reader import Session, writing_state
 
 Key = tuple[int, int]
 
@@ -66,7 +65,7 @@ class ResumedBursts:
             with suppress(DiskError):
                 has_room = await asyncio.to_thread(free_bytes, folder) >= SPARE_BYTES
         # A camera that had more images for it may have caused that already.
-        if await asyncio.to_thread(_is_interrupted, folder):
+        if (await asyncio.to_thread(writing_state, folder)).startswith("interrupted"):
             await self.resume_all(now_ns(), folders=[folder])
 
     async def wait_until_finished(self) -> None:
@@ -173,10 +172,5 @@ class ResumedBursts:
 def interrupted_folders(root: Path) -> Iterator[Path]:
     """Yield the folders of unfinished bursts that no process writes, oldest first."""
     for plan in sorted(root.glob(f"*/{PLAN}")):
-        if _is_interrupted(plan.parent):
+        if writing_state(plan.parent).startswith("interrupted"):
             yield plan.parent
-
-
-def _is_interrupted(folder: Path) -> bool:
-    is_finished = (folder / MANIFEST).exists() and not (folder / INCOMING).exists()
-    return not is_finished and not is_being_written(folder)

@@ -9,27 +9,23 @@ code, so only arrays and numbers are accepted.
 
 import io
 import pickle
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from capture_app.common.errors import BadInputError
 from capture_app.common.names import natural_order
-from capture_app.session.files.untrusted_files import read_input, rejecting
+from capture_app.session.files.untrusted_files import check_pickle, read_input, rejecting
 from capture_app.session.importing.importer import Importer, open_sources
 from capture_app.session.importing.recording_sources import Layout, videos_in
 from capture_app.session.importing.views import View, Views, numbers
 
 _MEDIA, _SYNCHRONIZED = "InputMedia", "_sync"
 _PARAMETERS = "cameraIntrinsicsExtrinsics.pickle"
-_ALLOWED = {
-    *((f"numpy.{core}.multiarray", "_reconstruct") for core in ("core", "_core")),
-    *((f"numpy.{core}.multiarray", "scalar") for core in ("core", "_core")),
-    *((f"numpy.{core}.numeric", "_frombuffer") for core in ("core", "_core")),
-    ("numpy", "ndarray"),
-    ("numpy", "dtype"),
-    ("_codecs", "encode"),
-}
+MAX_BYTES = 1 << 18
+"""Maximum size of a calibration, bytes."""
 
 
 def open_recording(path: Path, *, png: bool, recording: str | None) -> Layout | None:
@@ -80,10 +76,24 @@ def _cameras(folder: Path) -> list[Path]:
 
 
 class _ArraysOnly(pickle.Unpickler):
+    """Unpickler of arrays and numbers; what it makes is no larger than its bytes."""
+
     def find_class(self, module: str, name: str) -> Any:
-        if (module, name) not in _ALLOWED:
+        # Made anew for each name, as a pickle can set attributes of what it is given.
+        makers: dict[tuple[str, str], Callable[..., Any] | None] = {
+            ("multiarray", "_reconstruct"): lambda *_: np.empty(0),
+            ("multiarray", "scalar"): lambda kind, data: np.frombuffer(data, kind)[0],
+            ("numeric", "_frombuffer"): lambda data, kind, shape, order: np.frombuffer(data, kind).reshape(
+                shape, order=order
+            ),
+            ("numpy", "ndarray"): None,
+            ("numpy", "dtype"): np.dtype,
+            ("_codecs", "encode"): lambda text, _: text.encode("latin-1"),
+        }
+        key = module.removeprefix("numpy.core.").removeprefix("numpy._core."), name
+        if key not in makers:
             raise pickle.UnpicklingError(f"it holds {module}.{name}, which is not an array")
-        return super().find_class(module, name)
+        return makers[key]
 
 
 def read_calibration(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) -> Views | None:
@@ -103,13 +113,14 @@ def read_calibration(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) 
 
 
 def _view(file: Path) -> View:
-    data = io.BytesIO(read_input(file))
+    data = read_input(file, max_bytes=MAX_BYTES)
     with rejecting(
         f"cannot read the calibration {file}",
         Exception,  # a malformed pickle may raise anything
         hint="download the session from OpenCap again",
     ):
-        content = _ArraysOnly(data).load()
+        check_pickle(data)
+        content = _ArraysOnly(io.BytesIO(data)).load()
         if not isinstance(content, dict):
             raise ValueError("it does not hold OpenCap's camera parameters")
     where = str(file)

@@ -12,7 +12,7 @@ import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, BinaryIO, TypeVar
+from typing import TYPE_CHECKING, Any, BinaryIO, TypeVar
 
 import msgspec
 
@@ -26,7 +26,9 @@ if TYPE_CHECKING:
 
 _T = TypeVar("_T")
 MAX_BYTES = 1 << 30
-"""Maximum unpacked size of all arrays of a file, bytes."""
+"""Maximum size of a file that is read whole, and of all its arrays unpacked."""
+REPEATABLE = ("GLOBAL", "REDUCE", "UNICODE", "BYTE", "STRING")
+"""Words in the names of pickle's opcodes whose values may be used again: lists grow with each."""
 RESTORE = "restore this file from a copy"
 RESTORE_IMAGE = "restore it from a copy; capture-app sessions verify SESSION lists all damaged files"
 
@@ -46,6 +48,13 @@ def rejecting(what: str, *kinds: type[Exception], hint: str = "") -> Iterator[No
         raise BadInputError(f"{what}: {reason}", hint=hint) from error
 
 
+def within(count: int, limit: int, what: str) -> int:
+    """Return a count of an untrusted file's parts. Raises ValueError if it exceeds the reader's limit."""
+    if count > limit:
+        raise ValueError(f"it has {count:,} {what}, and {limit:,} at most are read")
+    return count
+
+
 def open_regular(path: Path, *, follow_links: bool = True) -> BinaryIO:
     """Open a regular file for reading. Raises OSError for anything else."""
     handle = system.open_file(path, os.O_RDONLY, follow_links=follow_links)
@@ -61,23 +70,31 @@ def read_regular(path: Path, *, follow_links: bool = True) -> bytes:
         return file.read()
 
 
-def read_input(path: Path) -> bytes:
-    """Return the bytes of a regular file. Raises BadInputError if it cannot be read."""
+def read_input(path: Path, *, max_bytes: int = MAX_BYTES) -> bytes:
+    """Return the bytes of a regular file. Raises BadInputError if it cannot be read or has more bytes."""
     with reading(path):
+        if (size := path.stat().st_size) > max_bytes:
+            raise BadInputError(
+                f"{path} has {size:,} bytes, and {max_bytes:,} at most are read",
+                hint="is it the file that you meant?",
+            )
         return read_regular(path)
 
 
-def read_text(path: Path, *, encoding: str = "utf-8-sig") -> str:
-    """Return a file's text without a byte order mark. Raises BadInputError if it cannot be read as text."""
+def read_text(path: Path, *, encoding: str = "utf-8-sig", max_bytes: int = 1 << 26) -> str:
+    """Return a file's text without a byte order mark, as `read_input` does; also raises it for no text."""
     with rejecting(f"cannot read {path}", UnicodeDecodeError, hint="save it as UTF-8 text"):
-        return read_input(path).decode(encoding)
+        return read_input(path, max_bytes=max_bytes).decode(encoding)
 
 
-def read_arrays(path: Path) -> "dict[str, NDArray[np.generic]]":
-    """Return the arrays of a .npz file by name. Raises BadInputError if it cannot be read as one."""
+def read_arrays(path: Path, *, max_bytes: int = MAX_BYTES) -> "dict[str, NDArray[np.generic]]":
+    """Return the arrays of a .npz file by name. Raises BadInputError if it cannot be read as one.
+
+    `max_bytes`: maximum unpacked size of all of them.
+    """
     import numpy as np  # slow to import, and every command imports this module
 
-    data = io.BytesIO(read_input(path))
+    data = io.BytesIO(read_input(path, max_bytes=max_bytes))
     with rejecting(
         f"cannot read {path} as arrays (.npz)",
         Exception,  # zipfile, its decompressors and numpy raise a dozen kinds
@@ -85,10 +102,23 @@ def read_arrays(path: Path) -> "dict[str, NDArray[np.generic]]":
     ):
         with zipfile.ZipFile(data) as archive:
             size = sum(member.file_size for member in archive.infolist())
-        if size > MAX_BYTES:
-            raise ValueError(f"its arrays have {size} bytes, and {MAX_BYTES} at most are read")
+        within(size, max_bytes, "bytes in its arrays")
         with np.load(data, allow_pickle=False) as file:
             return {name: np.asarray(file[name]) for name in file.files}
+
+
+def check_pickle(data: bytes) -> None:
+    """Raise ValueError for a pickle that takes far more memory or time than its size; it is not run."""
+    import pickletools  # needed rarely, and every command imports this module
+
+    memo, previous = dict[Any, bool](), ""
+    for opcode, argument, _ in pickletools.genops(data):
+        if opcode.name == "MEMOIZE" or "PUT" in opcode.name:
+            place: Any = len(memo) if argument is None else argument
+            memo[within(place, len(data), "places")] = any(word in previous for word in REPEATABLE)
+        elif opcode.name == "DUP" or ("GET" in opcode.name and not memo.get(argument)):
+            raise ValueError("it repeats lists of lists")
+        previous = opcode.name
 
 
 def read_struct(path: Path, kind: type[_T], newest: int | None = None) -> _T:

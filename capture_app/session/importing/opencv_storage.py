@@ -16,28 +16,30 @@ import numpy as np
 import yaml
 
 from capture_app.common.errors import BadInputError
-from capture_app.session.files.untrusted_files import read_input, rejecting
+from capture_app.session.files.untrusted_files import read_input, rejecting, within
 from capture_app.session.format.lens import Array
 
-MAX_BYTES = 8 << 20
-"""Maximum file size; a calibration has some kilobytes, even with all points it was computed from."""
+MAX_BYTES, MAX_NODES, MAX_SCALAR = 150_000, 12_000, 1 << 16
+"""Maximum size of a file, bytes; of YAML values, counted again at each alias; and of one value, letters.
+
+A calibration has some kilobytes, even with all points it was computed from. PyYAML takes up to 15 s a
+MiB, far more where anchors refer to anchors; and several importers look at one file.
+"""
 _MATRICES = "opencv-matrix", "opencv-nd-matrix"
 _DTYPE = re.compile(r"(\d*)[a-z]")
 
 
-def read_storage(path: Path) -> dict[str, Any]:
+def read_storage(path: Path, *, hint: str = "write it again, as with OpenCV's FileStorage") -> dict[str, Any]:
     """Read a file's values by name: matrices as float64 rows x columns (x channels), numbers, texts, lists.
 
     Raises BadInputError if the file cannot be read or is not in this format.
     """
-    data = read_input(path)
+    data = read_input(path, max_bytes=MAX_BYTES)
     with rejecting(
-        f"cannot read the calibration {path}",
+        f"cannot read {path}",
         *(yaml.YAMLError, ET.ParseError, ValueError, OverflowError, RecursionError),
-        hint="write it again, as with OpenCV's FileStorage",
+        hint=hint,
     ):
-        if len(data) > MAX_BYTES:
-            raise ValueError(f"it has {len(data)} bytes, too many for a calibration")
         content = _read_xml(data) if path.suffix.lower() == ".xml" else _read_yaml(data)
         if not isinstance(content, dict):
             raise ValueError("it is not a list of names and values")
@@ -53,7 +55,23 @@ def read_yaml(path: Path) -> dict[str, Any]:
 
 
 class _Loader(yaml.SafeLoader):
-    """YAML loader with OpenCV's matrices."""
+    """YAML loader with OpenCV's matrices, and a limit on all values, however often an alias repeats them."""
+
+    def __init__(self, stream: str) -> None:
+        super().__init__(stream)
+        self._total, self._counts = 0, dict[yaml.Node | None, int]()
+        """Number of all values, and of each node's, its own and those below it."""
+
+    def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
+        """Compose the next node. Raises ValueError if the file exceeds the limits."""
+        is_alias, before = self.check_event(yaml.AliasEvent), self._total
+        node = super().compose_node(parent, index)
+        # What contains its own alias has no end, and no count yet.
+        self._total += self._counts.get(node, MAX_NODES) if is_alias else 1
+        self._counts.setdefault(node, self._total - before)
+        within(self._total, MAX_NODES, "values")
+        within(len(getattr(node, "value", "")), MAX_SCALAR, "letters in a value")
+        return node
 
 
 def _yaml_matrix(loader: _Loader, node: yaml.Node) -> Array:

@@ -15,6 +15,8 @@ from capture_app.common.optional_packages import load_optional
 
 MIN_GAP_S = 0.02
 """Shorter gaps between a sound track's frames are rounding of their times."""
+MAX_PIXELS = 1 << 26
+"""Largest picture of a video, px: eight times 4K; FFmpeg stores up to seventeen of them."""
 MAX_SILENCE_S = 600.0
 """Longest gaps of a track in all: they are filled with silence, which takes memory as sound does."""
 
@@ -85,6 +87,9 @@ def _opened(path: Path) -> Iterator[tuple[Any, Any]]:
             # Where FFmpeg has no decoder, there is no context.
             if not container.streams.video or container.streams.video[0].codec_context is None:
                 raise BadInputError("it has no pictures")
+            context = container.streams.video[0].codec_context
+            if context.width * context.height > MAX_PIXELS:
+                raise BadInputError(f"its pictures have {context.width}x{context.height} pixels")
             yield av, container
     except BadInputError as error:
         raise BadInputError(

@@ -13,11 +13,16 @@ import numpy as np
 
 from capture_app.common.errors import BadInputError
 from capture_app.common.text import UNREADABLE
-from capture_app.session.files.untrusted_files import read_text, rejecting
+from capture_app.session.files.untrusted_files import read_input, read_text, rejecting, within
 from capture_app.session.format.lens import Array
 
 SAME_ROTATION, SAME_PLACE = 1e-5, 1e-5
 """Maximum difference of two equal rotation matrices, and of two positions relative to the rig's extent."""
+MAX_NUMBERS, MAX_XML_BYTES, MAX_JSON_BYTES, MAX_JSON_PARTS = 1 << 10, 1 << 21, 1 << 24, 500_000
+"""Maxima of a calibration: numbers at one key, bytes of its file, and lists and objects in it.
+
+Decoded, an XML element takes up to 90 bytes for each of its own, and an empty list of JSON 64.
+"""
 EXPORT_AGAIN = "export the calibration again with the program that made it"
 
 
@@ -55,8 +60,10 @@ def read_json(path: Path) -> Any:
     """Decode a .json file; None for any other file. Raises BadInputError if it cannot be read."""
     if path.suffix.lower() != ".json":
         return None
-    with rejecting(f"{path} is not JSON", *UNREADABLE, hint=EXPORT_AGAIN):
-        return msgspec.json.decode(read_text(path))
+    with rejecting(f"cannot read {path} as JSON", ValueError, *UNREADABLE, hint=EXPORT_AGAIN):
+        text = read_text(path, max_bytes=MAX_JSON_BYTES)
+        within(text.count("[") + text.count("{"), MAX_JSON_PARTS, "lists and objects")
+        return msgspec.json.decode(text)
 
 
 def root_of(path: Path) -> str:
@@ -76,7 +83,8 @@ def read_xml(path: Path, root: str) -> ET.Element | None:
         return None
     errors = OSError, ET.ParseError, LookupError, ValueError
     with rejecting(f"cannot read the calibration {path}", *errors, hint=EXPORT_AGAIN):
-        return ET.parse(path).getroot()  # noqa: S314 - expat resolves no external entities and limits the rest
+        # expat resolves no external entities and limits the others.
+        return ET.fromstring(read_input(path, max_bytes=MAX_XML_BYTES))  # noqa: S314
 
 
 def numbers(
@@ -86,6 +94,7 @@ def numbers(
     if content.get(key) is None:
         raise BadInputError(f"{where} has no {key}", hint=hint)
     with rejecting(f"{where}: {key} is not made of numbers", TypeError, ValueError, OverflowError, hint=hint):
+        within(getattr(content[key], "size", 1), MAX_NUMBERS, "numbers")
         values = np.asarray(content[key], np.float64).ravel()
     if values.size not in counts:
         raise BadInputError(

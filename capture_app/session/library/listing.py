@@ -24,7 +24,7 @@ from capture_app.session.format.manifest import (
     inside,
 )
 from capture_app.session.reading.decoding import decode_image, encode_image
-from capture_app.session.reading.reader import is_being_written
+from capture_app.session.reading.reader import writing_state
 from capture_app.session.reading.take_sheet import fit
 from capture_app.session.reading.verdict import frames_lost
 
@@ -106,7 +106,7 @@ class SessionListing:
                 known = stamp, read_card(Path(folder)) if stamp else _card_without_manifest(Path(folder))
             if known[1].missing:
                 # Its images may arrive at last, which the manifest shows only afterwards.
-                arriving = is_being_written(Path(folder))
+                arriving = writing_state(Path(folder)) == "reopened"
                 known = known[0], replace(known[1], arriving=arriving)
             self._known[folder] = known
         return [card for _, card in self._known.values()]
@@ -179,7 +179,7 @@ def read_card(folder: Path) -> SessionCard:
 
 def _card_without_manifest(folder: Path) -> SessionCard:
     try:
-        writing = is_being_written(folder)
+        writing = writing_state(folder) == "being written"
         changed_s = folder.stat().st_mtime
     except OSError as error:
         return SessionCard(folder=folder, state="unreadable", problem=f"{folder}: {error.strerror}")

@@ -16,6 +16,9 @@ from capture_app.session.format.manifest import CALIBRATION, EVENTS, JOURNAL, MA
 CHECKSUMS = "checksums.sha256"
 COVERED = (MANIFEST, JOURNAL, EVENTS, PLAN, CALIBRATION, TIMES, TRUE_TIMES_JOURNAL, RECIPE)
 
+REPLACED = (MANIFEST, PLAN, CALIBRATION, TIMES)
+"""Files that are written anew while late images arrive or after that; the others only grow."""
+
 
 def write_checksums(folder: Path, manifest: bytes) -> Path:
     """Write the checksums of a session's files and of `manifest`, which is written next.
@@ -32,8 +35,11 @@ def write_checksums(folder: Path, manifest: bytes) -> Path:
     return path
 
 
-def changed_files(folder: Path) -> Iterator[tuple[str, str]]:
-    """Yield the path of each file that changed since the session was finished, and what is wrong with it."""
+def changed_files(folder: Path, *, is_open: bool = False) -> Iterator[tuple[str, str]]:
+    """Yield the path of each file that changed since the session was finished, and what is wrong with it.
+
+    If it `is_open` again, files may be replaced or grow as late images arrive.
+    """
     try:
         stored = read_regular(folder / CHECKSUMS)
     except OSError:
@@ -47,9 +53,21 @@ def changed_files(folder: Path) -> Iterator[tuple[str, str]]:
             yield CHECKSUMS, f"has an unknown line: {line!r}"
             continue
         try:
-            if hashlib.sha256(read_regular(folder / name)).hexdigest() != sha256:
+            data = read_regular(folder / name)
+            may_differ = is_open and (name in REPLACED or _begins_with(data, sha256))
+            if hashlib.sha256(data).hexdigest() != sha256 and not may_differ:
                 yield name, "its bytes have changed: another sha256"
         except OSError as error:
             yield name, f"cannot be read: {error.strerror}"
     if MANIFEST not in known or JOURNAL not in known or not stored.endswith(b"\n"):
         yield CHECKSUMS, "is incomplete"
+
+
+def _begins_with(data: bytes, sha256: str) -> bool:
+    """Return whether the first lines of a file, or none, have a checksum."""
+    running = hashlib.sha256()
+    for line in (b"", *data.splitlines(keepends=True)):
+        running.update(line)
+        if running.hexdigest() == sha256:
+            return True
+    return False

@@ -34,6 +34,11 @@ MAX_HEADER_BYTES = 1 << 24
 """Limit on the profiles and thumbnails before a JPEG's first frame header, bytes."""
 MAX_PIXELS = 1 << 28
 """Largest stored image that is decoded, px; no camera takes a larger one."""
+MAX_BLANK_PIXELS, MAX_PIXELS_A_BYTE = 1 << 25, 64
+"""Largest image of any file size that is decoded, px, and how many pixels a byte of a larger one may hold.
+
+A black PNG of MAX_PIXELS has 800 kB, and would take 1.5 GB. A photograph has up to ten pixels a byte.
+"""
 MAX_SENT_PIXELS = 1 << 24
 """Largest preview that is decoded, px: eight times the largest one asked for; it takes up to 150 MB."""
 JPEG_QUALITY = 95
@@ -233,12 +238,14 @@ def decode_image(
 ) -> "NDArray[np.uint8] | None":
     """Decode an image file's bytes; return None if they are not an image or if it exceeds `max_pixels`.
 
-    A small file can claim a huge size, so a file whose header gives no size is not decoded. `colour`: return
+    A small file can claim a huge size, or have one and be blank: neither is decoded, and no file whose header
+    gives no size. `colour`: return
     height x width x BGR of 8 bits, whatever the file contains; with `min_width`, decode at a half, a quarter
     or an eighth of the size as long as the width stays at least that, which is faster. The EXIF orientation
     is ignored: imported images are upright.
     """
-    if (size := size_of(data)) is None or not 0 < size[0] * size[1] <= max_pixels:
+    most = min(max_pixels, max(MAX_BLANK_PIXELS, MAX_PIXELS_A_BYTE * len(data)))
+    if (size := size_of(data)) is None or not 0 < size[0] * size[1] <= most:
         return None
     import cv2  # heavy: imported only when an image is decoded
     import numpy as np

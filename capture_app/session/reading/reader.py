@@ -3,7 +3,7 @@
 import os
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Literal, Self
 
 import msgspec
 
@@ -46,6 +46,15 @@ from capture_app.session.format.manifest import (
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
+
+INCOMING = "incoming"
+"""Folder that marks a finished session as reopened, until its manifest is written again."""
+WritingState = Literal["being written", "interrupted", "finished", "reopened", "interrupted again"]
+"""What has become of a session's writing; all but the first two have a manifest.
+
+A reopened session receives late images: files appear, and the journal and the lines of videos grow. Its
+manifest describes what was finished, until it is replaced.
+"""
 
 
 class Session:
@@ -103,7 +112,7 @@ class Session:
     @property
     def is_arriving(self) -> bool:
         """Whether a leader has the session open because its missing images arrive at last."""
-        return bool(self.stored_manifest.missing) and is_being_written(self.folder)
+        return writing_state(self.folder) == "reopened"
 
     def camera(self, name: str) -> CameraRecord:
         """Return the record of a camera. Raises BadInputError if the session has no such camera."""
@@ -135,15 +144,21 @@ class Session:
             video.seek(offset)
             return video.read(record.bytes)
 
-    def video_frames(self, video: VideoRecord) -> list[FrameRecord]:
-        """Return the records of a video's frames, in order. Raises BadInputError for a malformed file."""
+    def video_frames(self, video: VideoRecord, *, further: bool = False) -> list[FrameRecord]:
+        """Return the records of a video's frames, in order. Raises BadInputError for a malformed file.
+
+        Frames that have arrived since the manifest was written are left out, unless `further`.
+        """
         path = inside(self.folder, frames_path(video.path))
         with rejecting(
             f"{path} does not hold the frames of a video",
             *UNREADABLE,
             hint=f"capture-app sessions verify {self.folder} shows all problems",
         ):
-            return msgspec.json.Decoder(FrameRecord).decode_lines(read_input(path))
+            lines = read_input(path).split(b"\n", -1 if further else video.frames)
+            return msgspec.json.Decoder(FrameRecord).decode_lines(
+                b"\n".join(lines if further else lines[: video.frames])
+            )
 
     def images_by_instant(self) -> list[dict[str, ImageRecord]]:
         """Return the images of each instant in order, by camera name; a missing image has no entry."""
@@ -209,13 +224,24 @@ def is_being_written(folder: Path) -> bool:
     return False
 
 
+def writing_state(folder: Path) -> WritingState:
+    """Return what has become of the writing of the session in a folder. Raises OSError."""
+    # In the order in which a writer makes them: it may be doing so.
+    is_marked, has_manifest = (folder / INCOMING).is_dir(), (folder / MANIFEST).is_file()
+    if has_manifest and not is_marked:
+        return "finished"
+    if is_being_written(folder):
+        return "reopened" if has_manifest else "being written"
+    return "interrupted again" if has_manifest else "interrupted"
+
+
 def _without_manifest(folder: Path) -> BadInputError | IncompleteError:
     if not (folder / JOURNAL).is_file():
         return BadInputError(
             f"{folder} is not a session",
             hint=f"it has no {MANIFEST}; capture-app sessions list shows sessions",
         )
-    if is_being_written(folder):
+    if writing_state(folder) == "being written":
         return IncompleteError(f"{folder} is still being written", hint="wait until the burst is saved")
     return IncompleteError(
         f"{folder} is incomplete: its capture ended before {MANIFEST} was written",

@@ -26,7 +26,7 @@ from capture_app.session.format.manifest import (
 )
 from capture_app.session.reading.checksums import changed_files
 from capture_app.session.reading.decoding import decode_image, size_of
-from capture_app.session.reading.reader import Session
+from capture_app.session.reading.reader import INCOMING, Session, WritingState, writing_state
 
 _ROUNDING_NS = 1_000
 _ONE_MAP_NS, _WANDER = 2_000_000_000, 520e-6
@@ -57,18 +57,37 @@ _contradiction = partial(Problem, "contradictory")
 
 
 def verify(session: Session) -> list[Problem]:
-    """Check every file and every number of a session; return the defects, none if all agree."""
+    """Check every file and every number of a session; return the defects, none if all agree.
+
+    While its late images arrive, what was finished before is checked.
+    """
+    version = _version(session)
+    while (problems := _verify(session, version[0])) and (latest := _version(session)) != version:
+        # It was finished, or opened again, meanwhile.
+        session, version = Session.open(session.folder), latest
+    return problems
+
+
+def _version(session: Session) -> tuple[WritingState, int]:
+    """Return what changes whenever a session is opened again or finished."""
+    return writing_state(session.folder), (session.folder / MANIFEST).stat().st_mtime_ns
+
+
+def _verify(session: Session, state: WritingState) -> list[Problem]:
+    is_open = state != "finished"
+    lost = Problem("missing", INCOMING, "its leader ended while late images arrived")
     return [
+        *([lost] if state == "interrupted again" else []),
         *_burst(session),
         *_order(session),
         *_sync(session),
         *(problem for record in session.manifest.images for problem in _image(session, record)),
-        *_videos(session),
-        *_journal(session),
-        *(Problem("changed", where, what) for where, what in changed_files(session.folder)),
+        *_videos(session, is_open),
+        *_journal(session, is_open),
+        *(Problem("changed", where, what) for where, what in changed_files(session.folder, is_open=is_open)),
         *_calibration(session),
         *_ground_truth(session),
-        *_unexpected(session),
+        *(() if is_open else _unexpected(session)),
     ]
 
 
@@ -206,7 +225,7 @@ def _clock_error(
     return record.leader_ns - clock.leader_from_local(record.local_ns), allowed_ns
 
 
-def _journal(session: Session) -> Iterator[Problem]:
+def _journal(session: Session, is_open: bool) -> Iterator[Problem]:
     try:
         lines = lines_of_file(read_regular(session.folder / JOURNAL))
     except OSError:
@@ -214,7 +233,9 @@ def _journal(session: Session) -> Iterator[Problem]:
         return
     saved: dict[tuple[str, int], ImageRecord] = {}
     for number, line in enumerate(lines, 1):
-        if (record := record_of_line(line, ImageRecord)) is None:
+        if (record := record_of_line(line, ImageRecord)) is None and is_open:
+            continue  # it may be only half there
+        if record is None:
             yield Problem("unreadable", JOURNAL, f"line {number} cannot be read as an image record")
         elif saved.setdefault((record.camera, record.instant), record) is not record:
             yield _contradiction(
@@ -225,7 +246,7 @@ def _journal(session: Session) -> Iterator[Problem]:
             yield _contradiction(JOURNAL, f"has no entry for {image.path}")
         elif session.camera(listed.camera).widen(listed) != image:
             yield _contradiction(JOURNAL, f"differs from the manifest in {image.path}")
-    for listed in saved.values():
+    for listed in () if is_open else saved.values():
         yield _contradiction(MANIFEST, f"lacks {listed.path}, which the journal has")
 
 
@@ -259,14 +280,15 @@ def _ground_truth(session: Session) -> Iterator[Problem]:
             yield Problem("changed", where, "its bytes have changed: the sha256 differs")
 
 
-def _videos(session: Session) -> Iterator[Problem]:
+def _videos(session: Session, is_open: bool) -> Iterator[Problem]:
     """Check that each video has the length in its record, and that its frames are contiguous."""
     for video in session.stored_manifest.videos:
-        frames, path = session.video_frames(video), session.folder / video.path
+        frames, path = session.video_frames(video, further=not is_open), session.folder / video.path
         if frames and not path.exists():
             yield Problem("missing", video.path, "the video is missing")
             continue
         size = path.stat().st_size if frames else video.bytes
+        size = min(size, video.bytes) if is_open else size
         if (len(frames), size) != (video.frames, video.bytes):
             yield Problem(
                 "changed",

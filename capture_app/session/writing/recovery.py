@@ -32,8 +32,6 @@ Key = tuple[str, int]
 """Camera name and instant of an image."""
 SET_ASIDE = "set_aside"
 """Folder for images that are damaged or not in the journal."""
-INCOMING = "incoming"
-"""Folder that marks a finished session as reopened, until its manifest is written again."""
 RESERVE = f"reserve{PART}"
 """File that reserves disk space for the manifest, so that a session can be finished on a full disk."""
 

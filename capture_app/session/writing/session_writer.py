@@ -43,10 +43,10 @@ from capture_app.session.format.manifest import (
     sync_record,
 )
 from capture_app.session.reading.checksums import write_checksums
-from capture_app.session.reading.reader import Session
+from capture_app.session.reading.reader import INCOMING, Session
 from capture_app.session.writing.image_store import ImageStore, StoredImage
 from capture_app.session.writing.instant_set import InstantSet
-from capture_app.session.writing.recovery import INCOMING, RESERVE
+from capture_app.session.writing.recovery import RESERVE
 from capture_app.session.writing.video_store import VideoStore
 
 RESERVED_BYTES = 1 << 16

@@ -12,6 +12,7 @@ from typing import Any, Generic
 
 from msgspec import structs
 
+from capture_app.common.bounds import CENTURY_NS, sendable
 from capture_app.common.camera_facts import CameraFacts, PhaseControl
 from capture_app.common.node_state import NodeState
 from capture_app.sync.clock.clock_filter import ClockSample, PathAsymmetry
@@ -216,7 +217,7 @@ class Client(TimeClient, Generic[F]):
             phase_error_ns=phase.error_ns,
             period_ns=phase.period_ns,
             drift_ppm=phase.drift_ppm,
-            frame_leader_ns=frame_leader_ns if self.aligner.settled else None,
+            frame_leader_ns=sendable(frame_leader_ns, CENTURY_NS) if self.aligner.settled else None,
         )
 
     @property

@@ -6,6 +6,7 @@ were timed meanwhile have error bars that are too small.
 
 from collections import deque
 
+from capture_app.common.bounds import MAX_COUNT
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.timekeeping.clock_events import TimesDoubted
 
@@ -75,7 +76,8 @@ class MapHistory:
         if is_changed and after_ns is None:
             # So soon the new line's slope is known to a factor of two: so is where it leaves the old one.
             begins_ns -= min(ends_ns - begins_ns, LOOK_BACK_NS)
-        return TimesDoubted(begins_ns, ends_ns, round(max(errors)), round(max(bounds)), after_ns is not None)
+        error_ns, bound_ns = (min(round(max(of)), MAX_COUNT) for of in (errors, bounds))
+        return TimesDoubted(begins_ns, ends_ns, error_ns, bound_ns, after_ns is not None)
 
 
 def _slack(new: TimeMap, at_ns: int, now_ns: int, *, is_known: bool) -> float:

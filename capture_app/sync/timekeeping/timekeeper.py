@@ -6,7 +6,7 @@ from math import sqrt
 
 from msgspec.structs import replace
 
-from capture_app.common.bounds import MAX_TEXT
+from capture_app.common.bounds import CENTURY_NS, MAX_COUNT, MAX_TEXT, sendable
 from capture_app.common.node_state import NodeState
 from capture_app.sync.clock.clock_changes import ClockState
 from capture_app.sync.clock.clock_filter import ClockFilter, ClockSample
@@ -40,8 +40,6 @@ MAX_EVENTS = 256
 """Maximum number of events stored for a node that does not read them."""
 CONTRADICTED = 0.05
 """A sample contradicts an estimate if it leaves its minimum round trip this part smaller."""
-FURTHEST_NS = 2**62
-"""Maximum offset between a clock and the root's; a relay could not send its clients a larger one."""
 
 
 class Timekeeper:
@@ -208,10 +206,10 @@ class Timekeeper:
             return report
         return replace(
             report,
-            offset_ns=_sendable(time_map.leader_from_local(now_ns) - now_ns),
+            offset_ns=sendable(time_map.leader_from_local(now_ns) - now_ns, CENTURY_NS),
             skew_ppm=time_map.skew * 1e6,
-            uncertainty_ns=_sendable(time_map.uncertainty_at(now_ns)),
-            hard_bound_ns=_sendable(time_map.hard_bound_at(now_ns)),
+            uncertainty_ns=sendable(time_map.uncertainty_at(now_ns)),
+            hard_bound_ns=sendable(time_map.hard_bound_at(now_ns)),
             round_trip_ns=time_map.round_trip_ns,
         )
 
@@ -238,7 +236,9 @@ class Timekeeper:
             return
         self._stepped = False
         time_map = asked.root_map(own)
-        if max(abs(own.offset_ns), abs(time_map.offset_ns)) > FURTHEST_NS:
+        farthest_ns = max(abs(own.offset_ns), abs(time_map.offset_ns))
+        if farthest_ns > CENTURY_NS or time_map.hard_bound_ns > MAX_COUNT:
+            # No report, relay or session can carry it.
             return
         above_ns = sqrt(max(0.0, time_map.uncertainty_ns**2 - own.uncertainty_ns**2))
         until_ns = self.schedule.estimate_due_ns
@@ -273,8 +273,3 @@ def is_contradicted(time_map: TimeMap, sample: ClockSample) -> bool:
     early_ns = time_map.leader_from_local(sample.t0_ns) + room_ns - sample.t1_ns
     late_ns = sample.t2_ns + room_ns - time_map.leader_from_local(sample.t3_ns)
     return max(early_ns, late_ns) > STAMP_NS
-
-
-def _sendable(value_ns: float) -> int | None:
-    """Return a whole number; None if it does not fit into a message, as with a forged clock."""
-    return round(value_ns) if abs(value_ns) < 2**63 else None

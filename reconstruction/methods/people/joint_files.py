@@ -8,6 +8,7 @@ https://cmu-perceptual-computing-lab.github.io/openpose (output), DeepLabCut's `
 import csv
 import io
 import json
+import math
 import pickle
 import re
 from collections.abc import Sequence
@@ -18,15 +19,16 @@ import numpy as np
 
 from capture_app.common.errors import BadInputError
 from capture_app.common.optional_packages import load_optional
-from capture_app.session.files.untrusted_files import read_input, read_text, rejecting
+from capture_app.session.files.untrusted_files import check_pickle, read_input, read_text, rejecting, within
 from reconstruction.common.geometry import Array
 from reconstruction.methods.people.keypoints import FrameJoints, Keypoints
 from reconstruction.methods.people.skeletons import SKELETONS, Skeleton
 from reconstruction.scene.dataset import Dataset
 
 HINT = "give a folder with a file or folder for each camera, named like it"
-MAX_FRAMES = 1_000_000
-_BROKEN = StopIteration, EOFError, pickle.UnpicklingError
+MAX_FRAMES, MAX_NUMBERS = 1_000_000, 1 << 25
+"""Maximum number of frames of a camera, and of numbers of all its frames."""
+_BROKEN = StopIteration, EOFError, RecursionError, pickle.UnpicklingError
 _DLC_LEVELS = ("scorer", "individuals", "bodyparts", "coords")
 
 
@@ -119,6 +121,12 @@ def _read(path: Path) -> Labels:
     return labels
 
 
+def _bounded(*shape: int) -> tuple[int, ...]:
+    """Return the shape of an array. Raises ValueError if the array has more than MAX_NUMBERS."""
+    within(math.prod(shape), MAX_NUMBERS, "numbers")
+    return shape
+
+
 def _read_openpose(folder: Path) -> Labels:
     frames = dict[int, list[Array]]()
     for path in folder.glob("*.json"):
@@ -129,7 +137,7 @@ def _read_openpose(folder: Path) -> Labels:
     if len(joints) > 1 or max(frames) >= MAX_FRAMES:
         raise ValueError("its people have different numbers of joints")
     number = sum(joints)
-    values = np.zeros((max(frames) + 1 - first, max(map(len, frames.values())), number, 3))
+    values = np.zeros(_bounded(max(frames) + 1 - first, max(map(len, frames.values())), number, 3))
     for frame, people in frames.items():
         values[frame - first, : len(people)] = np.reshape(people, (-1, number, 3))
     known = {len(skeleton.joints): skeleton for skeleton in SKELETONS.values()}
@@ -153,7 +161,7 @@ def _deeplabcut_labels(columns: Sequence[Sequence[str]], frames: Sequence[int], 
     if max(frames) >= MAX_FRAMES:
         raise ValueError(f"it has a frame {max(frames)}")
     names, joints = (list(dict.fromkeys(column[level] for column in columns)) for level in (0, 1))
-    table = np.full((max(frames) + 1, len(names), len(joints), 3), np.nan)
+    table = np.full(_bounded(max(frames) + 1, len(names), len(joints), 3), np.nan)
     table[frames, :, :, 2] = 1.0
     for (name, joint, coordinate), column in zip(columns, values.T, strict=True):
         axis = ("x", "y", "likelihood").index(coordinate)
@@ -175,7 +183,10 @@ def _read_h5(path: Path) -> Labels:
         if "tracks" in file and "node_names" in file:
             return _sleap_labels(file)
         table = next(group["table"] for group in file.values() if "table" in group)
-        (_, columns), *_ = _Plain(io.BytesIO(file[table.parent.name].attrs["non_index_axes"])).load()
+        _bounded(len(table), table.dtype.itemsize)
+        axes = bytes(file[table.parent.name].attrs["non_index_axes"])
+        check_pickle(axes)
+        (_, columns), *_ = _Plain(io.BytesIO(axes)).load()
         named = [("", *column[1:])[-3:] if len(column) == 3 else tuple(column[1:]) for column in columns]
         values = np.concatenate(
             [table[name].reshape(len(table), -1) for name in table.dtype.names if name.startswith("values")],
@@ -187,6 +198,7 @@ def _read_h5(path: Path) -> Labels:
 def _sleap_labels(file: Any) -> Labels:
     """Return the labels of SLEAP's analysis: tracks (tracks, 2, nodes, frames)."""
     nodes = [name.decode() for name in file["node_names"][:]]
+    _bounded(*file["tracks"].shape)
     tracks = file["tracks"][:].transpose(3, 0, 2, 1)
     seen = np.isfinite(tracks).all(axis=3)
     scores = file["point_scores"][:].transpose(2, 0, 1) if "point_scores" in file else np.ones(seen.shape)

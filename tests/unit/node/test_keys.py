@@ -24,6 +24,8 @@ from tests.waiting import until
 
 from .sealed_nodes import hostile_socket, introduced, sealed_node
 
+pytestmark = pytest.mark.virtual
+
 
 def here(leader: LeaderNode | RelayNode) -> list[str]:
     return [node.name for node in leader.status().nodes if node.state is not NodeState.LOST]

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from capture_app.common.errors import BadInputError
-from capture_app.session.files.untrusted_files import read_text, rejecting
+from capture_app.session.files.untrusted_files import read_text, rejecting, within
 from capture_app.session.importing.importer import Importer, open_sources
 from capture_app.session.importing.recording_sources import Layout, videos_in
 from capture_app.session.importing.views import EXPORT_AGAIN, View, Views, numbers, rotation_of
@@ -44,6 +44,10 @@ def recordings_in(folder: Path) -> list[str]:
     return sorted(path.name for path in inner if (path / _TABLE).is_file() and videos_in(path))
 
 
+MAX_BYTES, MAX_DOTS = 1 << 18, 1 << 8
+"""Maximum size of a file, and dots in a line: time and memory of a key grow with the square of its parts."""
+
+
 def read_calibration(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) -> Views | None:
     """Read the cameras of a Caliscope or Anipose TOML; a rotation is a matrix or a Rodrigues vector.
 
@@ -52,10 +56,10 @@ def read_calibration(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) 
     path = paths[0][1]
     if path.suffix.lower() != ".toml":
         return None
-    with rejecting(
-        f"cannot read the calibration {path}", tomllib.TOMLDecodeError, RecursionError, hint=EXPORT_AGAIN
-    ):
-        content = tomllib.loads(read_text(path))
+    with rejecting(f"cannot read the calibration {path}", ValueError, RecursionError, hint=EXPORT_AGAIN):
+        text = read_text(path, max_bytes=MAX_BYTES)
+        within(max(line.count(".") for line in text.split("\n")), MAX_DOTS, "dots in a line")
+        content = tomllib.loads(text)
     tables = content["cameras"] if isinstance(content.get("cameras"), dict) else content
     found = {key: table for key, table in tables.items() if isinstance(table, dict) and "matrix" in table}
     if not found:

@@ -8,6 +8,7 @@ child in the parent's coordinates.
 """
 
 import struct
+from bz2 import BZ2Decompressor
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
@@ -21,13 +22,14 @@ from capture_app.common.errors import BadInputError, reading
 from capture_app.common.names import is_name, name_like
 from capture_app.common.optional_packages import load_optional
 from capture_app.plugins.programs.mcap.camera_info import view_of_info
-from capture_app.session.files.untrusted_files import open_regular, rejecting
+from capture_app.session.files.untrusted_files import open_regular, rejecting, within
 from capture_app.session.importing.frame_matching import TimedFrame, timeline_by_times
+from capture_app.session.importing.opencv_storage import read_storage
 from capture_app.session.importing.recording_sources import Layout, Source
 from capture_app.session.importing.views import View, Views, from_quaternion
 from capture_app.session.reading.decoding import encode_image, image_size
 
-MCAP = ".mcap"
+MCAP, METADATA = ".mcap", "metadata.yaml"
 ROS_BAGS = "ROS bags"
 """What the package rosbags is needed for, in words."""
 _MAGIC_BYTES, _CHUNK, _MAX_CHUNK = 8, 0x06, 1 << 26
@@ -59,7 +61,7 @@ def ros_messages() -> Any:
 
 def is_bag(path: Path) -> bool:
     """Return whether a path is an .mcap, a rosbag2 folder, or a ROS 1 bag."""
-    return (path / "metadata.yaml").is_file() if path.is_dir() else path.suffix.lower() in (MCAP, ".bag")
+    return (path / METADATA).is_file() if path.is_dir() else path.suffix.lower() in (MCAP, ".bag")
 
 
 class _Message(NamedTuple):
@@ -263,6 +265,17 @@ def _messages(path: Path, kinds: Collection[str], topics: Sequence[str] = ()) ->
                         )
             return
         reader = load_optional("rosbags.highlevel", "ros", ROS_BAGS).AnyReader
+        lz4 = load_optional("lz4.frame", "ros", ROS_BAGS)
+        # rosbags itself unpacks chunks of any size.
+        load_optional("rosbags.rosbag1.reader", "ros", ROS_BAGS).decompressors |= {
+            "bz2": lambda chunk: _unpack(BZ2Decompressor(), chunk),
+            "lz4": lambda chunk: _unpack(lz4.LZ4FrameDecompressor(), chunk),
+        }
+        if path.is_dir():
+            read_storage(path / METADATA, hint=_RECOVER)
+        for file in path.glob(f"*{MCAP}"):
+            with _open_mcap(file):
+                pass
         with reader([path], default_typestore=ros_messages()) as bag:
             chosen = [
                 connection
@@ -303,6 +316,13 @@ def _unpacked(compression: bytes, rest: bytes) -> int:
         decompressor = load_optional("lz4.frame", "export", "MCAP").LZ4FrameDecompressor()
         return len(decompressor.decompress(data, max_length=_MAX_CHUNK + 1))
     return len(data)
+
+
+def _unpack(decompressor: Any, data: bytes) -> bytes:
+    """Unpack a chunk of a ROS 1 bag. Raises ValueError if it has more than _MAX_CHUNK bytes."""
+    unpacked: bytes = decompressor.decompress(data, max_length=_MAX_CHUNK + 1)
+    within(len(unpacked), _MAX_CHUNK, "bytes in a chunk")
+    return unpacked
 
 
 def _decode(kind: str, data: bytes) -> Any:

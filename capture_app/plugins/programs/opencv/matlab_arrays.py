@@ -9,6 +9,7 @@ stereoParameters, are MATLAB's own.
 import struct
 import zlib
 from collections.abc import Iterator
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -17,8 +18,8 @@ from capture_app.common.errors import BadInputError
 from capture_app.session.files.untrusted_files import read_input, rejecting
 from capture_app.session.format.lens import Array
 
-MAX_BYTES = 1 << 26
-"""Maximum unpacked size of a variable; a larger one is no calibration's."""
+MAX_BYTES, MAX_VARIABLES, MAX_VARIABLE = 1 << 25, 10_000, 1 << 16
+"""Maximum size of a file, bytes, number of variables, and unpacked size of one that is read."""
 _HEADER = 128
 _COMPRESSED = 15
 _NUMERIC = range(6, 16)
@@ -37,14 +38,15 @@ _CONVERT = (
 
 def read_mat(path: Path) -> dict[str, Array]:
     """Return the arrays of numbers of a MAT-file by name. Raises BadInputError if there are none."""
-    data, arrays = read_input(path), {}
+    data, arrays = read_input(path, max_bytes=MAX_BYTES), {}
     with rejecting(f"cannot read {path}", ValueError, LookupError, struct.error, zlib.error, hint=_CONVERT):
-        for kind, body in _elements(data[_HEADER:] if data.startswith(b"MATLAB 5.0") else b""):
+        content = data[_HEADER:] if data.startswith(b"MATLAB 5.0") else b""
+        for kind, body in islice(_elements(content), MAX_VARIABLES):
             if kind == _COMPRESSED:
                 unpacking = zlib.decompressobj()
-                (_, body), *_ = _elements(unpacking.decompress(body, MAX_BYTES))
-                if unpacking.unconsumed_tail:
-                    continue
+                (_, body), *_ = _elements(unpacking.decompress(body, MAX_VARIABLE))
+            if len(body) > MAX_VARIABLE or (kind == _COMPRESSED and not unpacking.eof):
+                continue
             (_, flags), (_, shape), (_, name), *rest = _elements(body)
             # What MATLAB keeps of its objects is an array without a name.
             if name and flags[0] in _NUMERIC:

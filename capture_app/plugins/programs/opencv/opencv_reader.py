@@ -6,6 +6,7 @@ toolbox, whose pixels, coefficients and poses are OpenCV's, too.
 
 import re
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -38,7 +39,12 @@ _SIZE_KEYS = ("image_width", "image_height")
 _BOUGUETS = {"nx": "image_width", "ny": "image_height"}
 _FISHEYE_KEY = "is fisheye"
 """Our own name for what the file says of the model."""
-_LOADERS: dict[str, Callable[[Path], Mapping[str, Any]]] = {".npz": read_arrays, ".mat": read_mat}
+MAX_BYTES = 1 << 24
+"""Maximum size of all arrays of a .npz; each number becomes 8 bytes."""
+_LOADERS: dict[str, Callable[[Path], Mapping[str, Any]]] = {
+    ".npz": partial(read_arrays, max_bytes=MAX_BYTES),
+    ".mat": read_mat,
+}
 _SUFFIXES = (".npz", ".yml", ".yaml", ".xml", ".mat")
 
 Content = Mapping[str, Array]

@@ -14,6 +14,7 @@ from capture_app.cli import run
 from capture_app.common.errors import CameraError, ExitCode
 from capture_app.plugins.cameras.rtsp.connection import AccessUnits
 from capture_app.session.reading.decoding import MAX_SENT_PIXELS, decode_image, size_of
+from tests.fuzz.bombs import BOMBS
 
 MEASURED = """
 import resource, sys
@@ -69,6 +70,11 @@ def test_an_image_whose_size_cannot_be_read_first_is_not_decoded() -> None:
     assert decode_image(b"P5 30000 30000 255\n" + bytes(100)) is None
 
 
+def test_a_blank_image_is_not_decoded_if_it_is_far_larger_than_its_file() -> None:
+    assert decode_image(png(16384, 16384)) is None
+    assert decode_image(png(16384, 16384).ljust(5_000_000)) is not None, "as large as a photograph"
+
+
 def test_packets_without_an_end_of_the_picture_are_refused() -> None:
     units = AccessUnits("h264", 96)
     packet = struct.pack(">BBHII", 0x80, 96, 0, 7, 1) + b"\x65" + bytes(1 << 20)
@@ -116,6 +122,21 @@ ENDLESS = {
     "lenses.toml": "[cameras]\nx = " + "[" * 100_000,
     "lenses.json": "[" * 100_000,
     "lenses.yml": "%YAML:1.0\n---\n" + "a: [" * 100_000,
+    "many.yml": "%YAML:1.0\n---\na: [" + "1, " * 20_000 + "1]",
+    "itself.yml": "%YAML:1.0\n---\na: &a [*a]",
+    **{
+        name: BOMBS[reader][bomb]().decode("latin-1")
+        for name, reader, bomb in (
+            ("camchain.yaml", "calibration-kalibr", "laughs"),
+            ("left.yaml", "calibration-ros", "merges"),
+            ("dots.toml", "calibration-toml", "dots"),
+            ("memo.pickle", "calibration-pickle", "memo"),
+            ("keys.pickle", "calibration-pickle", "keys"),
+            ("hex.pickle", "calibration-pickle", "hex"),
+            ("lists.json", "calibration-opensfm", "more lists"),
+            ("large.xml", "calibration-metashape", "large"),
+        )
+    },
 }
 
 
@@ -125,7 +146,7 @@ def test_a_deep_or_long_file_of_times_or_lenses_is_refused(tmp_path: Path, name:
         (tmp_path / "in" / camera).mkdir(parents=True)
         for number in range(3):
             (tmp_path / "in" / camera / f"{number}.png").write_bytes(png(64, 48))
-    (tmp_path / name).write_text(ENDLESS[name])
+    (tmp_path / name).write_text(ENDLESS[name], "latin-1")
     option = "--timestamps" if name.endswith(".csv") else "--calibration"
     call = ["sessions", "import", str(tmp_path / "in"), "--name", "x", "--out", str(tmp_path / "out")]
     assert run([*call, "--fps", "30", option, str(tmp_path / name)]) == ExitCode.BAD_INPUT

@@ -8,6 +8,7 @@ import pytest
 
 from capture_app.cli import run
 from capture_app.common.errors import ExitCode
+from capture_app.session.importing import video_tracks
 from capture_app.session.reading.reader import Session
 from tests.unit.companions.importing.numbered_video import numbers_of, write_video
 
@@ -25,6 +26,16 @@ def test_interlaced_frames_are_decoded_and_reported_once(
     said = capfd.readouterr().err
     assert said.count("a.mp4 is interlaced: ") == 1
     assert "swscaler" not in said
+
+
+def test_a_video_of_huge_pictures_is_not_decoded(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_video(tmp_path / "rec" / "a.mp4", REGULAR_US)
+    monkeypatch.setattr(video_tracks, "MAX_PIXELS", 1000)
+    call = ["sessions", "import", str(tmp_path / "rec"), "--out", str(tmp_path / "s")]
+    assert run(call) == ExitCode.BAD_INPUT
+    assert "its pictures have " in capsys.readouterr().err
 
 
 def test_without_pyav_no_video_is_read_and_the_command_is_told(

@@ -486,7 +486,7 @@ def test_objects_of_matlab_are_refused_with_the_line_that_converts_them(head: by
 def test_a_large_variable_of_the_workspace_is_passed_over(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(matlab_arrays, "MAX_BYTES", 4096)
+    monkeypatch.setattr(matlab_arrays, "MAX_VARIABLE", 4096)
     path = matlab(tmp_path / "a.mat", {"n": np.zeros((100, 100)), "KK": lens(0)})
     assert list(matlab_arrays.read_mat(path)) == ["KK"]
 

@@ -1,6 +1,8 @@
 """ROS bags: exports as rosbags reads them, and bags of others as sessions."""
 
+import struct
 from collections import Counter
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +14,7 @@ from mcap.reader import make_reader
 from capture_app.cli import run
 from capture_app.common.errors import BadInputError, ExitCode
 from capture_app.companions.importing.recording import ImportOptions
+from capture_app.plugins.programs.mcap import bags
 from capture_app.plugins.programs.mcap.mcap_writer import ros_topics
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
@@ -183,3 +186,33 @@ def test_what_is_no_bag_of_pictures_is_said(tmp_path: Path) -> None:
 def test_ros_is_for_mcap_only(make: Make, export: Export) -> None:
     with pytest.raises(BadInputError, match="takes no --ros"):
         export(make(), "colmap", ros=True)
+
+
+@pytest.mark.parametrize("compression", ["BZ2", "LZ4"])
+def test_a_chunk_of_a_bag_is_unpacked_to_its_limit(
+    compression: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from rosbags.rosbag1 import Writer
+
+    monkeypatch.setattr(bags, "_MAX_CHUNK", 100_000)
+    bag = tmp_path / "zeros.bag"
+    with closing(Writer(bag)) as writer:
+        writer.set_compression(Writer.CompressionFormat[compression])
+        writer.open()
+        connection = writer.add_connection("/a/image", "sensor_msgs/msg/Image", typestore=store)
+        writer.write(connection, 1, bytes(200_000))
+    with pytest.raises(BadInputError, match=r"zeros\.bag is not an intact bag: it has .* bytes in a chunk"):
+        import_one([str(bag)], tmp_path, "s", ImportOptions())
+
+
+def test_the_files_of_a_bags_folder_have_budgets(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    bag = tmp_path / "bag"
+    bag.mkdir()
+    (bag / "metadata.yaml").write_text("a: &a [*a]")
+    with pytest.raises(BadInputError, match=r"cannot read .*metadata\.yaml: it has 12,001 values"):
+        import_one([str(bag)], tmp_path, "s", ImportOptions())
+    (bag / "metadata.yaml").write_text("rosbag2_bagfile_information: {}")
+    monkeypatch.setattr(bags, "_MAX_CHUNK", 100)
+    (bag / "a.mcap").write_bytes(b"\x89MCAP0\r\n" + struct.pack("<BQ", 6, 1000) + bytes(1000))
+    with pytest.raises(BadInputError, match=r"a\.mcap has a chunk of over"):
+        import_one([str(bag)], tmp_path, "s", ImportOptions())

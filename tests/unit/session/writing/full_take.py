@@ -8,7 +8,7 @@ from capture_app.common.errors import DiskFullError
 from capture_app.machine.repair import repair
 from capture_app.protocol.log import Log
 from capture_app.session.format.burst_plan import BurstPlan, CameraPlan
-from capture_app.session.format.manifest import BurstRecord
+from capture_app.session.format.manifest import BurstRecord, MissingImage
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
 from capture_app.session.writing.session_writer import SessionWriter
@@ -60,11 +60,11 @@ class Take:
         )
         self.confirmed[name, instant] = data
 
-    def end(self, writer: SessionWriter) -> Session:
+    def end(self, writer: SessionWriter, *missing: MissingImage) -> Session:
         writer.set_calibration(calibration_of("cam0"))
         writer.add_event({"event": "joined"}, {"event": "clock-synced", "offset_ns": 12})
         cameras = [camera_record(name) for name in self.names]
-        return writer.finish(cameras, self.burst, origin="simulated", note="a note")
+        return writer.finish(cameras, self.burst, missing, origin="simulated", note="a note")
 
     def write(self) -> Session:
         writer = self.begin()

@@ -3,6 +3,7 @@
 import hashlib
 import json
 import os
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from unittest.mock import Mock
@@ -10,15 +11,19 @@ from unittest.mock import Mock
 import pytest
 from msgspec import structs
 
+from capture_app.cli import run
 from capture_app.common.errors import BadInputError, DiskFullError, SimulshotError
-from capture_app.session.format.burst_plan import InstantRange, read_plan
+from capture_app.session.format.burst_plan import CameraPlan, InstantRange, read_plan
 from capture_app.session.format.journal import TRUE_TIMES_JOURNAL, ground_truth_path
-from capture_app.session.format.manifest import JOURNAL, MANIFEST
+from capture_app.session.format.manifest import JOURNAL, MANIFEST, MissingImage
+from capture_app.session.reading.checksums import changed_files
+from capture_app.session.reading.reader import INCOMING, Session, writing_state
+from capture_app.session.reading.verify import verify
 from capture_app.session.writing import image_store, session_writer
-from capture_app.session.writing.recovery import INCOMING, RESERVE, SET_ASIDE
+from capture_app.session.writing.recovery import RESERVE, SET_ASIDE
 from capture_app.session.writing.session_writer import SessionWriter
-from tests.unit.session.conftest import CLOCK, camera_record
-from tests.unit.session.recorded import frame, record
+from tests.unit.session.conftest import CLOCK, calibration_of, camera_record
+from tests.unit.session.recorded import frame, record, save_frames
 from tests.unit.session.writing.full_take import PERIOD_NS, Take
 
 
@@ -101,6 +106,110 @@ def test_a_resumed_session_says_so_at_whatever_step_it_is_killed(
         take.end(writer)
     writer.abort()
     assert (take.folder / INCOMING).is_dir()
+
+
+@pytest.fixture
+def late(tmp_path: Path) -> Iterator[SessionWriter]:
+    """A finished recording, opened again."""
+    with SessionWriter.create(tmp_path, "late") as writer:
+        plan = read_plan(Take(tmp_path / "of").write().folder)
+        cameras = [camera_record(name, width=32, height=24) for name in ("left", "right")]
+        parts = tuple(CameraPlan(camera=camera) for camera in cameras)
+        writer.set_plan(structs.replace(plan, name="late", cameras=parts))
+        writer.add_event({"event": "joined"})
+        record(writer)
+    with SessionWriter.resume(tmp_path / "late") as writer:
+        yield writer
+
+
+def add_late_images(writer: SessionWriter) -> None:
+    assert writer.plan is not None
+    writer.set_plan(structs.replace(writer.plan, note="another report came"))
+    writer.add_event({"event": "joined"})
+    save_frames(writer, frame("right", 2))
+
+
+def test_a_session_is_verified_as_it_was_finished_while_late_images_arrive(late: SessionWriter) -> None:
+    before = Session.open(late.folder)
+    assert (writing_state(late.folder), verify(before)) == ("reopened", [])
+    images = before.manifest.images
+    add_late_images(late)
+    for lines in (JOURNAL, "videos/rig1/right.frames.ndjson"):
+        with (late.folder / lines).open("ab") as file:
+            file.write(b'{"half a line')
+    opened = Session.open(late.folder)
+    assert opened.is_arriving
+    assert verify(opened) == []
+    assert opened.manifest.images == images, "all readers see what its manifest counts"
+
+
+@pytest.mark.parametrize(
+    ("path", "before", "after"),
+    [
+        ("videos/rig1/left.mjpeg", b"JFIF", b"JFIX"),
+        ("videos/rig1/left.frames.ndjson", b'"uncertainty_ns":20000', b'"uncertainty_ns":20001'),
+        ("events.ndjson", b"joined", b"joinet"),
+    ],
+)
+def test_damage_is_found_while_late_images_arrive(
+    late: SessionWriter, path: str, before: bytes, after: bytes
+) -> None:
+    add_late_images(late)
+    data = (late.folder / path).read_bytes()
+    assert before in data
+    (late.folder / path).write_bytes(data.replace(before, after, 1))
+    found = verify(Session.open(late.folder))
+    assert ("changed", path) in {(one.kind, one.where.partition("#")[0]) for one in found}
+
+
+def test_a_video_that_is_shorter_than_it_was_is_found_while_late_images_arrive(late: SessionWriter) -> None:
+    os.truncate(late.folder / "videos/rig1/left.mjpeg", 100)
+    assert any("frames in 100 bytes" in str(problem) for problem in verify(Session.open(late.folder)))
+
+
+def test_late_images_of_a_burst_are_not_what_was_finished(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    take = interrupted(tmp_path, 5)
+    with SessionWriter.resume(take.folder) as writer:
+        take.end(writer, MissingImage(camera="cam1", instant=2, reason="it is away"))
+    with SessionWriter.resume(take.folder) as writer:
+        take.add(writer, "cam1", 2)
+        writer.set_calibration(calibration_of("cam1"))
+        opened = Session.open(take.folder)
+        assert (len(opened.manifest.images), verify(opened)) == (5, [])
+        assert run(["sessions", "verify", str(take.folder)]) == 0
+        assert "all 5 images are intact; further ones are still arriving" in capsys.readouterr().out
+        take.end(writer)
+    assert verify(Session.open(take.folder)) == []
+
+
+def test_a_session_whose_leader_ended_as_late_images_arrived_says_so(late: SessionWriter) -> None:
+    add_late_images(late)
+    late.abort()
+    assert writing_state(late.folder) == "interrupted again"
+    assert [str(problem) for problem in verify(Session.open(late.folder))] == [
+        "incoming: its leader ended while late images arrived"
+    ]
+
+
+def test_a_session_that_is_finished_while_it_is_verified_is_verified_anew(
+    late: SessionWriter, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    opened = Session.open(late.folder)
+    add_late_images(late)
+    finished: list[Session] = []
+
+    def found(folder: Path, *, is_open: bool) -> Iterator[tuple[str, str]]:
+        if not finished:
+            cameras = [camera_record(name, width=32, height=24) for name in ("left", "right")]
+            finished.append(late.finish(cameras, opened.manifest.burst))
+            yield MANIFEST, "its bytes have changed"
+        yield from changed_files(folder, is_open=is_open)
+
+    monkeypatch.setattr("capture_app.session.reading.verify.changed_files", found)
+    assert verify(opened) == []
+    assert len(finished) == 1
 
 
 def test_a_plan_reserves_room_for_its_manifest_once(tmp_path: Path) -> None:

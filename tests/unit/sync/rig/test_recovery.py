@@ -5,7 +5,7 @@ from collections.abc import Callable
 from heapq import heappop, heappush
 
 import pytest
-from hypothesis import HealthCheck, settings
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import (
     RuleBasedStateMachine,
@@ -16,15 +16,24 @@ from hypothesis.stateful import (
 )
 from msgspec import structs
 
+from capture_app.common.bounds import CENTURY_NS
 from capture_app.common.node_state import NodeState
+from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.rig.leader_engine import Leader, LeaderConfig
 from capture_app.sync.rig.rig_config import RequestedConfig
 from capture_app.sync.sync_engine import Address
-from capture_app.sync.timekeeping.timekeeper import MAX_EVENTS, OUTSTANDING
+from capture_app.sync.timekeeping.timekeeper import MAX_EVENTS, OUTSTANDING, Timekeeper
 from capture_app.sync.tree.member import TreeMember
 from capture_app.sync.tree.relay_engine import OF_CAMERAS, Relay
-from capture_app.sync.wire.codec import Message, encode
-from capture_app.sync.wire.datagrams import HeartbeatAck, TimeReply, Trigger, UnknownMember, UpstreamMap
+from capture_app.sync.wire.codec import Message, decode, encode
+from capture_app.sync.wire.datagrams import (
+    Heartbeat,
+    HeartbeatAck,
+    TimeReply,
+    Trigger,
+    UnknownMember,
+    UpstreamMap,
+)
 from tests.unit.sync.rig.forged_messages import (
     HONEST,
     INSTANCE,
@@ -38,9 +47,12 @@ from tests.unit.sync.rig.forged_messages import (
     from_clients,
     from_parents,
     i64,
+    slopes,
     u32,
     welcome,
 )
+
+clocks = st.sampled_from([2**63 - 1, 2**62 - 41, CENTURY_NS, -(2**62), 0, OFFSET_NS])
 
 
 class FollowerAmongLiars(RuleBasedStateMachine):
@@ -83,7 +95,10 @@ class FollowerAmongLiars(RuleBasedStateMachine):
         t2_ns = min(t1_ns + takes_ns, 2**63 - 1)
         self.hear(encode(TimeReply(client, sequence, t0_ns, t1_ns, t2_ns)), self.member.leader)
 
-    @rule(offset_ns=st.sampled_from([2**63 - 1, -(2**62), 0, OFFSET_NS]) | i64, turns=st.integers(290, 320))
+    @rule(
+        offset_ns=st.sampled_from([2**63 - 1, 2**62 - 41, CENTURY_NS, -(2**62), 0, OFFSET_NS]) | i64,
+        turns=st.integers(280, 320),
+    )
     def lie_for_long(self, offset_ns: int, turns: int) -> None:
         """A parent whose clock is what it likes, and which is followed."""
         if self.member.time.number is None:
@@ -228,6 +243,41 @@ def test_a_number_that_no_request_can_carry_is_not_taken(number: int) -> None:
     member = TreeMember("me", INSTANCE, PARENTS, random.Random(1))
     member.receive_datagram(encode(welcome(2, number)), member.leader, 0)
     assert member.time.number is None
+
+
+@pytest.mark.parametrize("offset_ns", [2**62 - 41, CENTURY_NS, -CENTURY_NS])
+@pytest.mark.parametrize("turns", [280, 300])
+def test_a_client_of_a_relay_recovers_from_a_clock_a_century_off(offset_ns: int, turns: int) -> None:
+    machine = RelayAmongLiars()
+    machine.start(0, 0)
+    machine.lie_for_long(offset_ns, turns)
+    machine.teardown()
+
+
+def test_a_client_of_a_relay_recovers_from_a_bound_that_no_report_can_carry() -> None:
+    machine = RelayAmongLiars()
+    machine.start(0, 0)
+    machine.turn()
+    above = UpstreamMap((9,), 0, OFFSET_NS, 0.0, 1e18 - 1e9, 1e18 - 1e9, 1.0, 1.0)
+    machine.hear(encode(welcome(2, 3, above)), machine.member.leader)
+    machine.lie_for_long(OFFSET_NS, 290)
+    machine.teardown()
+
+
+@given(
+    offset_ns=i64,
+    skew=st.floats(-0.01, 0.01),
+    error_ns=st.floats(0.0, allow_nan=False),
+    now_ns=i64,
+    growth=slopes,
+)
+def test_every_report_can_be_read(
+    offset_ns: int, skew: float, error_ns: float, now_ns: int, growth: float
+) -> None:
+    timekeeper = Timekeeper(0)
+    timekeeper.time_map = TimeMap(0, offset_ns, skew, error_ns, error_ns, growth, growth, 1, 0)
+    message = Heartbeat(1, timekeeper.report(NodeState.READY, "", now_ns))
+    assert decode(encode(message)) == message
 
 
 def test_a_follower_recovers() -> None:

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import pytest
 
+from capture_app.common.bounds import CENTURY_NS, MAX_COUNT
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.timekeeping.map_history import MapHistory
 
@@ -40,6 +41,12 @@ def test_a_step_doubts_all_times_since_the_last_sample_that_agreed() -> None:
     assert (found.from_local_ns, found.until_local_ns, found.jumped) == (round(1.5 * S), 3 * S, True)
     assert found.error_ns == S + 50 * US
     assert found.hard_bound_ns == S + 500 * US
+
+
+def test_a_step_of_ages_is_said_in_numbers_that_a_session_can_hold() -> None:
+    found = history(RIGHT).doubt(replace(RIGHT, offset_ns=-CENTURY_NS), S)
+    assert found is not None
+    assert (found.error_ns, found.hard_bound_ns) == (MAX_COUNT, MAX_COUNT)
 
 
 def test_a_slew_doubts_times_since_the_new_line_crosses_the_old_one() -> None:

@@ -363,6 +363,7 @@ def open_video_node(path: str) -> VideoDevice:
 
     Raises CameraError for another kind of node, OSError from the driver.
     """
+    v4l2.check_layout()
     status = Path(path).stat()
     if not (stat.S_ISCHR(status.st_mode) and os.major(status.st_rdev) == VIDEO4LINUX_MAJOR):
         raise CameraError(f"{path} is not a camera", hint="`capture-app cameras` lists the cameras")

@@ -31,11 +31,11 @@ def load_optional(module: str, extra: str, purpose: str, *, hint: str = "") -> A
     except (ImportError, OSError) as error:
         missing = isinstance(error, ModuleNotFoundError) and (error.name or "").partition(".")[0] == package
         if not missing:
-            libraries = f"on Debian: apt-get install {_SYSTEM_LIBRARIES}" if extra == RECONSTRUCTION else ""
-            libraries = _WINDOWS_RUNTIME if sys.platform == "win32" else libraries
+            needed = f"on Debian: apt-get install {_SYSTEM_LIBRARIES}" if extra == RECONSTRUCTION else ""
+            needed = _WINDOWS_RUNTIME if sys.platform == "win32" else needed
             raise NotAvailableError(
                 f"{purpose} needs {package}, which does not load here: {error}",
-                hint="; or ".join(filter(None, (libraries, hint))),
+                hint="; or ".join(filter(None, (needed, hint))),
             ) from error
         raise _not_installed(package, extra, purpose, hint) from error
 

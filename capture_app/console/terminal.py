@@ -225,8 +225,8 @@ def run_command_line(command: click.Command, name: str, arguments: Sequence[str]
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             # If a terminal's encoding lacks a character, a replacement is printed; a program reads UTF-8.
-            is_read_by_program = sys.platform == "win32" and not stream.isatty()
-            stream.reconfigure(encoding="utf-8" if is_read_by_program else None, errors="replace")
+            encoding = None if sys.platform != "win32" or stream.isatty() else "utf-8"
+            stream.reconfigure(encoding=encoding, errors="replace")
     try:
         return _run(command, name, arguments)
     finally:

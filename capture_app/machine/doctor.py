@@ -283,10 +283,14 @@ def firewalls(active: Sequence[Firewall], ports: Sequence[int]) -> Iterator[Find
             # By default, ufw admits mDNS.
             text = f"{firewall.name} is active here: leaders are discovered only if it allows mDNS"
             yield Finding("firewall", "note", text, firewall.opening_udp.format(port=MDNS_PORT))
-    if not active and sys.platform == "linux":
-        yield Finding("firewall", "good", "no firewall is enabled here, according to its files")
-    elif not active:
-        yield Finding("firewall", "note", "whether a firewall is enabled here is not known")
+    if not active:
+        is_known = sys.platform == "linux"
+        text = "no firewall is enabled here, according to its files"
+        yield Finding(
+            "firewall",
+            "good" if is_known else "note",
+            text if is_known else "whether a firewall is enabled here is not known",
+        )
 
 
 def trust(own: Trust) -> Finding:

@@ -245,9 +245,8 @@ async def _open(leader: Address) -> ProbeAnswer:
 
 def _answer_of(error: OSError) -> ProbeAnswer:
     # By their types: Windows has other numbers, and resets what is sent to a closed port.
-    if isinstance(error, ConnectionRefusedError | ConnectionResetError):
-        return ProbeAnswer.REFUSED
-    return _OF_ERRNO.get(error.errno or 0, ProbeAnswer.SILENCE)
+    is_refused = isinstance(error, ConnectionRefusedError | ConnectionResetError)
+    return ProbeAnswer.REFUSED if is_refused else _OF_ERRNO.get(error.errno or 0, ProbeAnswer.SILENCE)
 
 
 def _is_neighbour_there(host: str) -> bool | None:

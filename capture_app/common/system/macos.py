@@ -4,8 +4,8 @@ import fcntl
 import os
 import threading
 import time
-from pathlib import Path
 
+from capture_app.common.system.lacking import *  # noqa: F403
 from capture_app.common.system.posix import *  # noqa: F403
 from capture_app.common.system.posix import half_of_memory, plain_move
 
@@ -27,11 +27,6 @@ def sync_data(handle: int) -> None:
 machine_memory = half_of_memory
 
 
-def exchange(one: Path, other: Path) -> bool:
-    """Return False: two folders are swapped by three renames."""
-    return False
-
-
 move_new = plain_move
 
 
@@ -48,16 +43,3 @@ def end_with_parent(parent: int) -> None:
         os._exit(1)
 
     threading.Thread(target=watch, daemon=True).start()
-
-
-def raise_thread_priority() -> None:
-    """Do nothing: setpriority(2) knows processes only."""
-
-
-def share_heaps(heaps: int) -> None:
-    """Do nothing: macOS' allocator returns what was freed."""
-
-
-def saves_power(interface: str) -> bool | None:
-    """Return None: macOS does not report whether a WiFi interface saves power."""
-    return None

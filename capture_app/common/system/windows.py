@@ -25,6 +25,7 @@ import psutil
 
 from capture_app.common.system.every import *  # noqa: F403
 from capture_app.common.system.every import NO_LIMIT, Received
+from capture_app.common.system.lacking import *  # noqa: F403
 
 PYTHON = (getattr(sys, "_base_executable", sys.executable),)
 """Command line of this interpreter; a virtual environment's python.exe starts it as a child of its own."""
@@ -83,8 +84,6 @@ def open_file(path: str | Path, flags: int, *, mode: int = 0o666, follow_links: 
 
 def open_folder(path: Path) -> int:
     """Open a folder, to lock it. Raises OSError."""
-    if path.exists() and not path.is_dir():
-        raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR), str(path))
     return _open(path, 0x80000000, 3, _FOLDER, os.O_RDONLY)
 
 
@@ -131,11 +130,6 @@ def move_new(source: Path, target: Path) -> None:
     replace(source, target, Path.rename)
 
 
-def exchange(one: Path, other: Path) -> bool:
-    """Return False: Windows cannot swap two folders atomically."""
-    return False
-
-
 def flock(handle: int, *, shared: bool = False, wait: bool = False) -> None:
     """Raise OSError: Windows locks no folders, and of files only parts; see `hold_name`."""
     raise OSError(errno.ENOSYS, os.strerror(errno.ENOSYS))
@@ -179,10 +173,8 @@ def receive_datagrams(
                 continue  # an ICMP error: something was sent to a closed port; or this one is closed
             stamp_ns = monotonic_ns()
             room.acquire()
-            try:
+            with suppress(RuntimeError):  # the loop is closed
                 loop.call_soon_threadsafe(pass_on, data, (address[0], address[1]), stamp_ns)
-            except RuntimeError:  # the loop is closed
-                return
 
     def pass_on(data: bytes, address: tuple[str, int], stamp_ns: int) -> None:
         room.release()
@@ -217,8 +209,7 @@ def on_end(end: Callable[[], object]) -> None:
 
     def closing(event: int) -> int:
         if event >= _CLOSING:
-            with suppress(RuntimeError):
-                loop.call_soon_threadsafe(end)
+            loop.call_soon_threadsafe(end)
             time.sleep(_TO_CLOSE_S)  # the process is ended as soon as this returns
         return 0
 
@@ -285,10 +276,6 @@ def lower_priority(niceness: int) -> None:
     psutil.Process().nice(psutil.BELOW_NORMAL_PRIORITY_CLASS if niceness else psutil.NORMAL_PRIORITY_CLASS)
 
 
-def raise_thread_priority() -> None:
-    """Do nothing: Windows raises a thread's priority for moments when what it waits for has come."""
-
-
 def machine_memory() -> int:
     """Return the memory that is free, in bytes."""
     return int(psutil.virtual_memory().available)
@@ -302,12 +289,3 @@ def address_space() -> int:
 def allow_open_files(wanted: int) -> int:
     """Return NO_LIMIT: Windows does not limit a process's files and sockets."""
     return NO_LIMIT
-
-
-def share_heaps(heaps: int) -> None:
-    """Do nothing: all threads share one heap."""
-
-
-def saves_power(interface: str) -> bool | None:
-    """Return None: whether a WiFi interface saves power is not known."""
-    return None

@@ -39,8 +39,11 @@ def missing_abilities(folder: Path) -> list[str]:
         )
         try:
             # No disk of Windows has such locks: there it is no fault of this one.
-            tried = (one for one in tries if one[0] != "flock" or os.name == "posix")
-            return [lack for call, lack, attempt in tried if _is_missing(call, attempt)]
+            return [
+                lack
+                for call, lack, attempt in tries
+                if (call != "flock" or os.name == "posix") and _is_missing(call, attempt)
+            ]
         finally:
             os.close(handle)
 

@@ -37,10 +37,8 @@ def reserve(path: Path, size: int) -> None:
     """Reserve `size` bytes of disk space in an empty file. Raises OSError if there is not enough."""
     with path.open("wb") as file:
         try:
-            if (allocate := getattr(os, "posix_fallocate", None)) is not None:
-                allocate(file.fileno(), 0, size)
-            else:
-                file.write(bytes(size))
+            # Other systems than Linux have no such call: zeros reserve as well.
+            getattr(os, "posix_fallocate", lambda *_: file.write(bytes(size)))(file.fileno(), 0, size)
         except OSError as error:
             path.unlink()
             # Some file systems cannot reserve space; then a full disk costs the manifest, which repair

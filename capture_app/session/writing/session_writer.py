@@ -157,12 +157,11 @@ class SessionWriter:
         would be one folder on a system that ignores case.
         """
         names = [camera.camera.name for camera in plan.cameras]
-        for place, name in enumerate(names):
-            if (alike := find_alike(name, names[:place])) is not None:
-                raise BadInputError(
-                    f"cameras {alike} and {name} would be one folder on Windows and macOS",
-                    hint="give one of them a name that differs by more than upper and lower case",
-                )
+        if alike := [name for place, name in enumerate(names) if find_alike(name, names[:place])]:
+            raise BadInputError(
+                f"two cameras called {alike[0]}, whatever the case, would be one folder on Windows and macOS",
+                hint="give one of them a name that differs by more than upper and lower case",
+            )
         with self._writing():
             write_atomic(self.folder / PLAN, indented(encode_checked(plan)))
             if self.plan is None:

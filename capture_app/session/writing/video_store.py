@@ -155,8 +155,9 @@ class VideoStore:
             try:
                 if frames:
                     system.sync_data(video.handle)
-                    is_there = os.name != "nt" or (self._folder / video.record.path).exists()
-                    if not (os.fstat(video.handle).st_nlink and is_there):
+                    if not os.fstat(video.handle).st_nlink or (
+                        os.name == "nt" and not (self._folder / video.record.path).exists()
+                    ):
                         # A person has deleted it; no frame of it may count as saved.
                         raise FileNotFoundError(ENOENT, os.strerror(ENOENT), video.record.path)
                     video.lines.append(*(line for _, line, _ in frames), durable=True)

@@ -41,11 +41,11 @@ def capture_app(*arguments: str) -> str:
     return run.stdout + run.stderr
 
 
-def until(what: str, is_so: Callable[[], bool]) -> None:
-    """Wait for something."""
+def until(what: str, is_so: Callable[[], bool], log: Path) -> None:
+    """Wait for something; if it does not come, the log says why."""
     end_s = time.monotonic() + READY_S
     while not is_so():
-        assert time.monotonic() < end_s, f"waited {READY_S} s for {what}"
+        assert time.monotonic() < end_s, f"waited {READY_S} s for {what}: {log.read_text()[-2000:]}"
         time.sleep(0.5)
 
 
@@ -111,27 +111,28 @@ def test_a_recording_of_two_windows_nodes_and_one_of_linux(
     leader = ("--leader", f"127.0.0.1:{port}")
     lead = ["leader", "--open", "--host", "127.0.0.1", "--port", port, "--sessions", str(sessions)]
     node = ("node", "--open", "--camera", "sim:pi", *leader)
+    log = tmp_path / "linux.log"
+    output = log.open("ab")
     ours = [
         subprocess.Popen(
             [sys.executable, "-m", "capture_app.cli", *arguments],
             cwd=ROOT,
             stdin=subprocess.DEVNULL,
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
+            stdout=output,
+            stderr=subprocess.STDOUT,
         )
         for arguments in (lead, [*node, "--name", "linux"])
     ]
-    theirs = [
-        windows.start("capture-app", *node, "--name", name, own_network=False) for name in ("one", "other")
-    ]
+    theirs = [windows.start("capture-app", *node, "--name", name) for name in ("one", "other")]
     try:
-        until("three cameras", lambda: "3 cameras ready" in _status(leader))
+        until("three cameras", lambda: "3 cameras ready" in _status(leader), log)
         capture_app("record", *leader, "--seconds", "5", "--name", "film", "--max-missing", "100")
         # It is sound here, and there.
         assert "are intact" in capture_app("sessions", "verify", str(sessions / "film-001"))
         subprocess.run(["cp", "-r", sessions / "film-001", windows.data / "film"], check=True)
         assert "are intact" in windows.run("capture-app", "sessions", "verify", rf"{DATA}\film")
     finally:
+        output.close()
         for process in reversed(ours):
             process.send_signal(signal.SIGTERM)
             process.wait(60)

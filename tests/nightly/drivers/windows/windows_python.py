@@ -27,14 +27,11 @@ class WindowsPython:
     checkout: Path
     data: Path
 
-    def start(
-        self, *command: str, own_network: bool = True, variables: Mapping[str, str] | None = None
-    ) -> "WindowsProcess":
+    def start(self, *command: str, variables: Mapping[str, str] | None = None) -> "WindowsProcess":
         """Start a program: capture-app, reconstruct, simulshot or python, with its arguments."""
         given = " ".join(f"{name}={value}" for name, value in (variables or {}).items())
         environment = {**os.environ, "DATA": str(self.data), "WINDOWS_ENV": given}
-        environment |= {"UNSHARE": "1"} if own_network else {}
-        # To a file: Wine hands a pipe on to what the program leaves behind.
+        # In this network: Wine's server, which all programs share, has the sockets. And to a file: Wine hands a pipe on to what the program leaves behind.
         log = self.data / f"{len(list(self.data.glob('*.log'))):03d}.log"
         with log.open("wb") as output:
             process = subprocess.Popen(

@@ -31,7 +31,8 @@ class WindowsPython:
         """Start a program: capture-app, reconstruct, simulshot or python, with its arguments."""
         given = " ".join(f"{name}={value}" for name, value in (variables or {}).items())
         environment = {**os.environ, "DATA": str(self.data), "WINDOWS_ENV": given}
-        # In this network: Wine's server, which all programs share, has the sockets. And to a file: Wine hands a pipe on to what the program leaves behind.
+        # In this network: Wine's server, which all programs share, has the sockets. And to a file: Wine hands
+        # a pipe on to what the program leaves behind.
         log = self.data / f"{len(list(self.data.glob('*.log'))):03d}.log"
         with log.open("wb") as output:
             process = subprocess.Popen(
@@ -74,6 +75,8 @@ class WindowsProcess:
         """End it, if it still runs."""
         self.process.kill()
         self.process.wait()
+        if self.process.stdin is not None:
+            self.process.stdin.close()
 
 
 def make_windows_python(folder: Path) -> WindowsPython:

@@ -229,7 +229,7 @@ def child_options(variables: Mapping[str, str], *, in_background: bool = False) 
     """Return the arguments of `subprocess.Popen` for a process in a group of its own.
 
     `variables` are added to its environment. One `in_background` outlives the console; the others share it,
-    so that `end_group` reaches them.
+    so that `signal_group` reaches them.
     """
     flags = subprocess.CREATE_NEW_PROCESS_GROUP | (subprocess.CREATE_NO_WINDOW if in_background else 0)
     # By the second variable, the interpreter of PYTHON finds the packages of the virtual environment.

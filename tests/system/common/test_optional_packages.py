@@ -21,7 +21,8 @@ EVERY_MODULE = """
 import importlib, pkgutil, capture_app, reconstruction
 for package in (capture_app, reconstruction):
     for found in pkgutil.walk_packages(package.__path__, package.__name__ + "."):
-        importlib.import_module(found.name)
+        if found.name != "capture_app.common.system.windows":
+            importlib.import_module(found.name)
 """
 
 

@@ -32,6 +32,8 @@ EVERY_IMPORT = """
 import pkgutil, capture_app, reconstruction
 for package in (capture_app, reconstruction):
     for module in pkgutil.walk_packages(package.__path__, package.__name__ + "."):
+        if module.name == "capture_app.common.system.windows":
+            continue
         __import__(module.name)
 """
 TAKE = """

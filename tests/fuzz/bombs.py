@@ -132,7 +132,10 @@ BOMBS: dict[str, dict[str, Callable[[], bytes]]] = {
         "laughs": opencv_laughs,
         "type": lambda: opencv_laughs().replace(b"dt: d", b"dt: *x29"),
     },
-    "calibration-easymocap": {"laughs": lambda: b"%YAML:1.0\n---\n" + yaml_laughs("names")},
+    "calibration-easymocap": {
+        "laughs": lambda: b"%YAML:1.0\n---\n" + yaml_laughs("names"),
+        "many": lambda: b"%YAML:1.0\n---\nnames: [" + b"1, " * 20_000 + b"1]",
+    },
     "calibration-pickle": {
         "memo": lambda: b"\x80\x03Nr\xff\xff\xff\x7f.",
         "tuples": lambda: pickle_laughs(as_key=False),

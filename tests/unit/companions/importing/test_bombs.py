@@ -122,7 +122,6 @@ ENDLESS = {
     "lenses.toml": "[cameras]\nx = " + "[" * 100_000,
     "lenses.json": "[" * 100_000,
     "lenses.yml": "%YAML:1.0\n---\n" + "a: [" * 100_000,
-    "many.yml": "%YAML:1.0\n---\na: [" + "1, " * 12_500 + "1]",
     "itself.yml": "%YAML:1.0\n---\na: &a [*a]",
     **{
         name: BOMBS[reader][bomb]().decode("latin-1")

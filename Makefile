@@ -44,6 +44,7 @@
 # make bench NAME=board-errors   errors that board calibrations state, beside the true ones (17 min; BENCH="--rigs 20")
 # make bench NAME=pairs   wrong pixels of rectified pairs with a truth, beside OpenCV's SGBM (BENCH="FOLDER ...": other pairs)
 # make bench NAME=people   joints of a drawn figure whose cameras are in step, late, staggered or of unequal rates (8 min; BENCH="--cameras 4")
+# make bench NAME=people-scenes   who is who in drawn scenes of several people, with detections that err (5 min; BENCH="--kinds embrace --cameras 4")
 # make bench NAME=people-film BENCH=SESSION   joints of a real film of which one camera is reduced to every other frame (a minute)
 # make bench NAME=verdicts   what is said of takes whose lateness is known: certified, denied, not told, error bars (30 min; BENCH="--fast --part 2")
 # make bench NAME=rig-verdicts   what is said of rigs of three and five cameras of which one is late (20 min; BENCH="--steady --part 2")
@@ -180,6 +181,7 @@ BENCH_two-steps := benchmarks.stagger.rendered_steps
 BENCH_stagger := benchmarks.stagger.rig_errors
 BENCH_multiview := benchmarks.reconstruction.multiview
 BENCH_people := benchmarks.people.time_of_frames
+BENCH_people-scenes := benchmarks.people.people_scenes
 BENCH_people-film := benchmarks.people.every_other_frame
 BENCH_views := benchmarks.reconstruction.novel_views
 BENCH_left-out := benchmarks.reconstruction.left_out_cameras

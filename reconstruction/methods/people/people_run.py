@@ -1,7 +1,7 @@
 """People of a session in 3D, at its instants or at any other times."""
 
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -10,22 +10,19 @@ import numpy as np
 from reconstruction.common.geometry import Array, View
 from reconstruction.methods.people.joint_positions import Positions, locate, radius_95
 from reconstruction.methods.people.joint_tracks import (
+    MIN_CONFIDENCE,
     PixelsAt,
     Track,
-    follow_in_camera,
     interpolate,
     size_of,
     stack,
 )
 from reconstruction.methods.people.keypoints import CameraJoints, Keypoints
-from reconstruction.methods.people.person_matching import match_tracks
+from reconstruction.methods.people.person_matching import Detections, Individual, PersonMatcher, merged
 from reconstruction.methods.people.skeletons import Skeleton
-from reconstruction.scene.conditions import evenly_spaced
 from reconstruction.scene.dataset import Dataset
 from reconstruction.time_offsets.camera_time import ImageTimes
 
-MATCHED_TIMES = 60
-"""Number of times, spread over the session, at which tracks are compared."""
 SIGMAS_95 = 1.96
 FIRST_NOISE = 0.012
 """Standard deviation of a pixel before residuals show it, relative to the size of the individual."""
@@ -124,14 +121,17 @@ class PeopleFinder:
         # A detector errs by a fraction of a person's size: by more pixels in a camera of more pixels.
         focal = np.array([view.focal for view in views])[:, None, None]
         self.magnification = focal / np.median(focal)
-        self.tracks = [track for number, one in enumerate(self.frames) for track in _tracks(number, one)]
-        busiest = max((one.frame_s[np.isfinite(one.frame_s)] for one in self.frames), key=len)
-        times = np.array(evenly_spaced(busiest.tolist(), MATCHED_TIMES))
-        seen = [interpolate(track, times, period_s) for track in self.tracks]
-        groups = [[self.tracks[place] for place in group] for group in match_tracks(self.tracks, seen, views)]
-        self.people = [group for group in groups if len({track.camera for track in group}) > 1]
-        self.alone = [group for group in groups if len({track.camera for track in group}) == 1]
-        """Individuals that no second camera confirms."""
+        self.focal = focal[:, 0, 0]
+        found = [_detections(one) for one in self.frames]
+        self.seen = {camera for camera, of_frames in enumerate(found) if any(len(one.pixels) for one in of_frames.values())}
+        """Cameras, by number, that show anybody."""
+        matcher = PersonMatcher(self.projections, self.focal, found)
+        individuals = matcher.match([one.frame_s for one in self.frames], period_s)
+        individuals = [one for one in individuals if one.confirmed >= MIN_TIMES]
+        self.people = [self._tracks(one, found) for one in sorted(individuals, key=lambda one: -one.confirmed)]
+        owned = sum(len(places) for one in individuals for places in one.places.values())
+        self.alone = sum(len(one.pixels) for of_frames in found for one in of_frames.values()) - owned
+        """Number of detections that no second camera confirms."""
 
     def at(
         self, times_s: Array, late_s: Mapping[str, Array] | None = None, *, nearest: bool = False
@@ -145,7 +145,7 @@ class PeopleFinder:
         seen = [
             stack([
                 interpolate(track, times_s + late_by, self.period_s, nearest=nearest)
-                for track, late_by in zip(self._whole(tracks), late, strict=True)
+                for track, late_by in zip(tracks, late, strict=True)
             ])
             for tracks in self.people
         ]  # fmt: skip
@@ -162,13 +162,17 @@ class PeopleFinder:
             moved_px=float(np.percentile(moved, 95)) if len(moved) else 0.0,
         )
 
-    def _whole(self, tracks: Sequence[Track]) -> Iterator[Track]:
-        """Yield one track a camera of an individual, of those that never share a frame."""
+    def _tracks(self, individual: Individual, found: Sequence[Mapping[int, Detections]]) -> list[Track]:
+        """Return one track a camera of an individual."""
+        tracks = list[Track]()
         for number, one in enumerate(self.frames):
             shape = len(one.frame_s), len(self.skeleton.joints)
-            blank = Track(number, np.full(shape, np.nan), np.full((*shape, 2), np.nan), np.zeros(shape))
-            _, *parts = zip(blank, *(track for track in tracks if track.camera == number), strict=True)
-            yield Track(number, *(np.fmax.reduce(arrays) for arrays in parts))
+            track = Track(number, np.full(shape, np.nan), np.full((*shape, 2), np.nan), np.zeros(shape))
+            for (camera, k), places in individual.places.items():
+                if camera == number:
+                    track.pixels[k], track.confidence[k], track.times_s[k] = merged(found[camera][k], places)
+            tracks.append(track)
+        return tracks
 
     def _locate(self, seen: PixelsAt, noise: Array, start: Array | None = None) -> Positions:
         """Locate all joints at all times by a noise (joints,), px, of a camera of median focal length."""
@@ -222,15 +226,18 @@ class PeopleFinder:
         return Person(found.points.reshape(*shape, 3), *(part.reshape(shape) for part in parts))
 
 
-def _tracks(number: int, camera: CameraFrames) -> Iterator[Track]:
-    """Yield the tracks of one camera's individuals, without what lies outside its images."""
-    view, there = camera.view, np.isfinite(camera.frame_s)[:, None]
-    for pixels, confidence in follow_in_camera(camera.joints, len(camera.frame_s)):
-        inside = there & (np.abs((pixels + 0.5) / (view.width, view.height) - 0.5) < 0.5).all(axis=2)
-        straight = np.full_like(pixels, np.nan)
-        straight[inside] = view.undistort(pixels[inside])
-        times = np.where(inside, camera.frame_s[:, None] + camera.row_s * pixels[..., 1], np.nan)
-        yield Track(number, times, straight, np.where(inside, confidence, 0.0))
+def _detections(camera: CameraFrames) -> dict[int, Detections]:
+    """Return what is seen in a camera's frames, without what lies outside its images or is unsure."""
+    view, found = camera.view, dict[int, Detections]()
+    for k, frame in camera.joints.items():
+        if k < len(camera.frame_s) and np.isfinite(camera.frame_s[k]):
+            inside = (np.abs((frame.pixels + 0.5) / (view.width, view.height) - 0.5) < 0.5).all(axis=2)
+            inside &= frame.confidence >= MIN_CONFIDENCE
+            straight = np.full(frame.pixels.shape, np.nan)
+            straight[inside] = view.undistort(frame.pixels[inside])
+            times = np.where(inside, camera.frame_s[k] + camera.row_s * frame.pixels[..., 1], np.nan)
+            found[k] = Detections(times, straight, np.where(inside, frame.confidence, 0.0), frame.names)
+    return found
 
 
 def _running_median(points: Array) -> Array:

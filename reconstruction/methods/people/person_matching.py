@@ -1,56 +1,388 @@
-"""Which tracks of several cameras are one individual: by epipolar distances of all joints over time."""
+"""Who is who: detections of all cameras become individuals in space, at each time, those before first.
 
-from collections.abc import Sequence
+Each step takes the frames of one time. Individuals seen before are projected into each camera, and the
+detections there are assigned to them by the distance of joints; what is left becomes new individuals where
+rays agree. After 4D association (Zhang et al. 2020) and mvpose (Dong et al. 2019), without parts and looks.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from itertools import combinations
+from typing import NamedTuple
 
+import cv2
 import numpy as np
 
-from reconstruction.common.geometry import Array, View
-from reconstruction.methods.people.joint_tracks import RELIABLE, PixelsAt, Track, size_of
-from reconstruction.time_offsets.pair_geometry import epipolar_errors_px
+from reconstruction.common.geometry import Array
+from reconstruction.methods.people.assignment import assign
+from reconstruction.methods.people.joint_positions import locate
 
-MAX_DISTANCE = 0.042
-"""Largest epipolar distance of one individual's tracks, relative to its size in the images."""
+GATE = 0.1
+"""Largest mean distance of an individual's joints from a detection's, relative to its size in the image."""
+CAP = 0.3
+"""Distance beyond which one joint counts no more: a stolen or exchanged limb decides nothing."""
+NAMED = 0.03
+"""What a name that an individual had before is worth, as a distance."""
+AGREE = 0.04
+"""Largest median distance of the pixels of one individual's joints from their position, relative to its size."""
+UNSEEN = 0.25
+"""What a camera that should show an individual and does not is worth, beside 1 for one that shows it well."""
+ONE_BODY = 0.1
+"""Median distance of joints below which two individuals are one, relative to their size."""
 MIN_SHARED = 4
-"""Fewest joints, over all times, by which two tracks are compared."""
+"""Fewest joints by which an individual and a detection are compared."""
+MAX_LOST_S = 1.0
+"""Time after which an individual that nothing was seen of ends."""
+DRIFT, STRIDE = 0.3, 1.2
+"""Largest distance between an individual and where it is seen again, relative to its size, and growth a second."""
+NOISE = 0.012
+"""Standard deviation of a pixel, relative to an individual's size, by which rays agree."""
+STEP = 0.75
+"""Longest time between frames that are matched with each other, in periods."""
 
 
-def match_tracks(tracks: Sequence[Track], seen: Sequence[PixelsAt], views: Sequence[View]) -> list[list[int]]:
-    """Return the individuals, each as the numbers of its tracks, those of the most frames first.
+class Detections(NamedTuple):
+    """Detections in one frame: pixels (n, joints, 2) without distortion, confidences (n, joints), 0 = unseen.
 
-    `seen` is where the tracks are at some common times, `views` are the cameras'. Groups of tracks are merged
-    by average distance, the nearest first; a camera never has an individual twice in a frame.
+    `times_s` (n, joints) are of each joint's row; `names` are empty if the source does not follow individuals.
     """
-    sums = _distances(tracks, seen, views)
-    counts, sums = np.isfinite(sums).astype(float), np.nan_to_num(sums)
-    groups = {place: [place] for place in range(len(tracks))}
-    # A track shares its frames with itself, too.
-    apart = np.array([[a.camera == b.camera and (a.frames & b.frames).any() for b in tracks] for a in tracks])
-    while groups:
-        mean = np.where((counts > 0) & ~apart, sums / np.maximum(counts, 1), np.inf)
-        first, second = (int(index) for index in np.unravel_index(int(mean.argmin()), mean.shape))
-        if mean[first, second] > MAX_DISTANCE:
-            break
-        groups[first] += groups.pop(second)
-        for matrix in (sums, counts, apart):
-            matrix[first] += matrix[second]
-            matrix[:, first] += matrix[:, second]
-        apart[second], apart[:, second] = True, True
-    return sorted(groups.values(), key=lambda group: -sum(int(tracks[n].frames.sum()) for n in group))
+
+    times_s: Array
+    pixels: Array
+    confidence: Array
+    names: tuple[str, ...]
 
 
-def _distances(tracks: Sequence[Track], seen: Sequence[PixelsAt], views: Sequence[View]) -> Array:
-    """Return the median epipolar distance of each two tracks of different cameras, relative to their sizes.
+Places = dict[tuple[int, int], list[int]]
+"""An individual's detections by camera and frame: the best first, then those of its other parts."""
 
-    NaN where they share too few joints.
-    """
-    costs = np.full((len(tracks), len(tracks)), np.nan)
-    for first, second in combinations(range(len(tracks)), 2):
-        one, other = seen[first], seen[second]
-        both = (one.confidence > RELIABLE) & (other.confidence > RELIABLE)
-        if tracks[first].camera != tracks[second].camera and both.sum() >= MIN_SHARED:
-            a, b = (views[tracks[number].camera].undistorted for number in (first, second))
-            away = epipolar_errors_px(a, b, one.pixels[both], other.pixels[both])
-            size = np.minimum(size_of(one.pixels), size_of(other.pixels))[np.nonzero(both)[0]]
-            costs[first, second] = costs[second, first] = float(np.median(np.abs(away) / size))
-    return costs
+
+@dataclass(eq=False)
+class Individual:
+    """An individual, and where its joints were last: positions (joints, 3), NaN = unknown for a second."""
+
+    joints: Array
+    known_s: Array
+    seen_s: float
+    size: float
+    speed: Array
+    places: Places = field(default_factory=dict)
+    names: dict[int, str] = field(default_factory=dict)
+    confirmed: int = 0
+    """Number of steps at which at least two cameras show it."""
+
+    def at(self, time_s: float) -> Array:
+        """Return where its joints should be at a time, (joints, 3)."""
+        return np.asarray(self.joints + self.speed * (time_s - self.seen_s))
+
+
+class PersonMatcher:
+    """Finds the individuals of a session, step by step in time."""
+
+    def __init__(
+        self, projections: Array, sizes: Array, detections: Sequence[Mapping[int, Detections]]
+    ) -> None:
+        self.projections, self.sizes, self.detections = projections, sizes, detections
+        self.ended, self.active = list[Individual](), list[Individual]()
+
+    def match(self, frame_s: Sequence[Array], period_s: float) -> list[Individual]:
+        """Return the individuals, by the times (frames,) of each camera's frames, NaN = no frame."""
+        for frames in _steps(frame_s, period_s):
+            self._step(frames, {camera: float(frame_s[camera][k]) for camera, k in frames.items()})
+        return self.ended + self.active
+
+    def _step(self, frames: Mapping[int, int], times: Mapping[int, float]) -> None:
+        now_s = float(np.mean(list(times.values())))
+        self.ended += [one for one in self.active if now_s - one.seen_s > MAX_LOST_S]
+        self.active = [one for one in self.active if now_s - one.seen_s <= MAX_LOST_S]
+        here = {camera: self.detections[camera].get(k) for camera, k in frames.items()}
+        seen = {camera: one for camera, one in here.items() if one is not None and len(one.pixels)}
+        taken = {camera: self._predicted(camera, one, times[camera]) for camera, one in seen.items()}
+        free = {camera: {*range(len(one.pixels))} for camera, one in seen.items()}
+        sure = set[int]()
+        points = self._located(seen, taken, times, now_s)
+        for number, individual in enumerate(self.active):
+            places = {camera: owned[number] for camera, owned in taken.items() if number in owned}
+            if len(places) > 1 and self._accept(individual, points[number], places, frames, seen, now_s):
+                sure.add(number)
+                for camera, owned in places.items():
+                    free[camera] -= {*owned}
+        self._part_bodies(sure)
+        weak = [one for number, one in enumerate(self.active) if number not in sure]
+        self._begin(seen, free, frames, weak, [self.active[n] for n in sure], now_s)
+        for number, individual in enumerate(self.active[: len(points)]):
+            for camera, owned in taken.items():
+                if individual in weak and number in owned and free[camera].issuperset(owned[number]):
+                    if individual.seen_s < now_s:
+                        self._follow(individual, camera, seen[camera], owned[number][0], now_s)
+                        individual.places[camera, frames[camera]] = owned[number]
+                    free[camera] -= {*owned[number]}
+
+    def _predicted(self, camera: int, seen: Detections, time_s: float) -> dict[int, list[int]]:
+        """Return the detections of each active individual in a camera's frame, by number."""
+        if not self.active:
+            return {}
+        predicted = np.array([one.at(time_s) for one in self.active])
+        costs = np.array([self._distances(camera, joints, one.size, seen) for joints, one in zip(predicted, self.active, strict=True)])
+        for row, one in enumerate(self.active):
+            for place, name in enumerate(seen.names):
+                costs[row, place] -= NAMED * (one.names.get(camera) == name)
+        taken = {row: [place] for row, place in assign(costs, GATE)}
+        # A body that is found in parts, or twice.
+        for place in {*range(len(seen.pixels))} - {owned[0] for owned in taken.values()}:
+            row = int(costs[:, place].argmin())
+            if row in taken and costs[row, place] < GATE / 2:
+                taken[row].append(place)
+        return taken
+
+    def _distances(self, camera: int, joints: Array, size: float, seen: Detections) -> Array:
+        """Return the mean distances (n,) of joints (joints, 3) from detections, relative to their size."""
+        at, depth = _project(self.projections[camera], joints)
+        known = (seen.confidence > 0) & np.isfinite(at[:, 0]) & (depth > 0)
+        scale = size * self.sizes[camera] / np.maximum(np.nanmean(depth), 1e-9)
+        away = np.minimum(np.linalg.norm(np.nan_to_num(at) - np.nan_to_num(seen.pixels), axis=2) / scale, CAP)
+        shared = known.sum(axis=1)
+        mean = np.where(known, away, 0).sum(axis=1) / np.maximum(shared, 1)
+        return np.where(shared >= min(MIN_SHARED, len(joints)), mean, np.inf)
+
+    def _located(
+        self,
+        seen: Mapping[int, Detections],
+        taken: Mapping[int, Mapping[int, list[int]]],
+        times: Mapping[int, float],
+        now_s: float,
+    ) -> list[Array]:
+        """Return the joints (joints, 3) of the active individuals by the detections that each has."""
+        number = len(self.active)
+        if not number:
+            return []
+        joints = len(self.active[0].joints)
+        pixels = np.full((len(self.projections), number, joints, 2), np.nan)
+        for camera, owners in taken.items():
+            for row, owned in owners.items():
+                one = self.active[row]
+                pixels[camera, row] = merged(seen[camera], owned)[0]
+                # A frame of another time is moved by the whole body's speed.
+                there, then = (_project(self.projections[camera], one.at(at_s))[0] for at_s in (now_s, times[camera]))
+                pixels[camera, row] += np.nan_to_num(there - then)
+        return [*self._points(pixels, np.array([one.size for one in self.active]), np.array([one.at(now_s) for one in self.active]))]
+
+    def _points(self, pixels: Array, sizes: Array, near: Array) -> Array:
+        """Locate joints (n, joints, 3) by pixels (cameras, n, joints, 2) of individuals of some sizes, near points."""
+        cameras, number, joints = pixels.shape[:3]
+        depths = np.stack([np.nanmean(_project(one, near)[1], axis=1) for one in self.projections])
+        noise = NOISE * sizes * self.sizes[:, None] / np.maximum(depths, 1e-9)
+        variances = np.repeat(noise**2, joints, axis=1)
+        return locate(self.projections, pixels.reshape(cameras, -1, 2), variances).points.reshape(number, joints, 3)
+
+    def _accept(
+        self,
+        individual: Individual,
+        points: Array,
+        places: dict[int, list[int]],
+        frames: Mapping[int, int],
+        seen: Mapping[int, Detections],
+        now_s: float,
+    ) -> bool:
+        """Move an individual to where its detections are, without those that do not fit; False if none agree."""
+        for camera in list(places):
+            if self._misfit(camera, points, individual.size, seen[camera], places[camera]) > 2 * AGREE:
+                del places[camera]
+        known = np.isfinite(points[:, 0])
+        if len(places) < 2 or known.sum() < min(MIN_SHARED, len(points)):
+            return False
+        step = np.nanmedian(points - individual.joints, axis=0)
+        gone_s = now_s - individual.seen_s
+        if gone_s > 0:
+            step = np.where(np.isfinite(step), step, 0.0) / gone_s
+            individual.speed = individual.speed + (step - individual.speed) * 0.4
+        individual.joints = np.where(known[:, None], points, individual.at(now_s))
+        individual.known_s = np.where(known, now_s, individual.known_s)
+        individual.joints[now_s - individual.known_s > MAX_LOST_S] = np.nan
+        individual.size += 0.1 * (max(_extent(individual.joints), individual.size * 0.9) - individual.size)
+        individual.seen_s = now_s
+        individual.confirmed += 1
+        self._note(individual, places, frames, seen)
+        return True
+
+    def _note(
+        self,
+        individual: Individual,
+        places: Mapping[int, list[int]],
+        frames: Mapping[int, int],
+        seen: Mapping[int, Detections],
+    ) -> None:
+        for camera, owned in places.items():
+            individual.places[camera, frames[camera]] = owned
+            if seen[camera].names:
+                individual.names[camera] = seen[camera].names[owned[0]]
+
+    def _misfit(self, camera: int, points: Array, size: float, seen: Detections, owned: list[int]) -> float:
+        at, depth = _project(self.projections[camera], points)
+        away = np.linalg.norm(at - merged(seen, owned)[0], axis=1) * depth / (size * self.sizes[camera])
+        known = away[np.isfinite(away)]
+        return float(np.median(known)) if len(known) else np.inf
+
+    def _follow(self, individual: Individual, camera: int, seen: Detections, place: int, now_s: float) -> None:
+        """Move an individual that one camera alone shows across that camera's view."""
+        joints = individual.at(now_s)
+        at, depth = _project(self.projections[camera], joints)
+        away = np.nanmedian(np.where(seen.confidence[place][:, None] > 0, seen.pixels[place] - at, np.nan), axis=0)
+        inverse = np.linalg.pinv(self.projections[camera][:, :3])
+        shift = inverse @ np.append(away * np.nanmean(depth), 0.0)
+        individual.joints, individual.seen_s = joints + shift, now_s
+        individual.speed = individual.speed * 0.8
+
+    def _part_bodies(self, sure: set[int]) -> None:
+        """End the younger of two individuals on one body."""
+        doubles = set[int]()
+        for first, second in combinations(sorted(sure, key=lambda n: -self.active[n].confirmed), 2):
+            a, b = self.active[first], self.active[second]
+            if first not in doubles and _apart(a.joints, b.joints) < ONE_BODY * max(a.size, b.size):
+                doubles.add(second)
+        for number in doubles:
+            one = self.active[number]
+            last = max(k for _, k in one.places)
+            one.places = {at: owned for at, owned in one.places.items() if at[1] < last}
+            one.seen_s = -np.inf
+        sure -= doubles
+
+    def _begin(
+        self,
+        seen: Mapping[int, Detections],
+        free: Mapping[int, set[int]],
+        frames: Mapping[int, int],
+        weak: Sequence[Individual],
+        sure: Sequence[Individual],
+        now_s: float,
+    ) -> None:
+        """Make individuals of free detections whose rays agree: those seen before, or new ones."""
+        found = list[tuple[Array, float, dict[int, list[int]]]]()
+        for points, size, places in self._hypotheses(seen, free):
+            others = [(one.joints, one.size) for one in sure] + [(joints, big) for joints, big, _ in found]
+            if all(_apart(points, joints) > ONE_BODY * max(size, big) for joints, big in others):
+                found.append((points, size, places))
+            for camera, owned in places.items():
+                free[camera].difference_update(owned)
+        gaps = np.full((len(found), len(weak)), np.inf)
+        for row, (points, size, _) in enumerate(found):
+            for column, one in enumerate(weak):
+                away = _apart(points, one.at(now_s)) / max(size, one.size)
+                gaps[row, column] = away / (DRIFT + STRIDE * (now_s - one.seen_s))
+        again = dict(assign(gaps, 1.0))
+        for row, (points, size, places) in enumerate(found):
+            if row in again:
+                one = weak[again[row]]
+                one.size = max(one.size, size)
+            else:
+                one = Individual(points, np.full(len(points), now_s), now_s, size, np.zeros(3))
+                self.active.append(one)
+            if self._accept(one, points, dict(places), frames, seen, now_s):
+                continue
+
+    def _hypotheses(
+        self, seen: Mapping[int, Detections], free: Mapping[int, set[int]]
+    ) -> list[tuple[Array, float, dict[int, list[int]]]]:
+        """Return joints, size and detections of individuals by free detections, the best first, each once."""
+        pool = [(camera, place) for camera, places in free.items() for place in sorted(places)]
+        pairs = [(a, b) for a, b in combinations(pool, 2) if a[0] != b[0]]
+        left, found = {*pool}, list[tuple[Array, float, dict[int, list[int]]]]()
+        scored = [one for pair in pairs if (one := self._supported(pair, seen, pool)) is not None]
+        for _, places in sorted(scored, key=lambda one: -one[0]):
+            if left.issuperset(places.items()):
+                pixels = np.full((len(self.projections), 1, *next(iter(seen.values())).pixels.shape[1:]), np.nan)
+                for camera, place in places.items():
+                    pixels[camera, 0] = merged(seen[camera], [place])[0]
+                (camera, place), *_ = places.items()
+                rough = self._pair([*places.items()][:2], seen)
+                points = self._points(pixels, np.array([_extent(rough)]), rough[None])[0]
+                if np.isfinite(points[:, 0]).sum() >= min(MIN_SHARED, len(points)):
+                    left -= {*places.items()}
+                    found.append((points, _extent(points), {camera: [place] for camera, place in places.items()}))
+        return found
+
+    def _pair(self, pair: Sequence[tuple[int, int]], seen: Mapping[int, Detections]) -> Array:
+        """Return the joints (joints, 3) of a detection in each of two cameras."""
+        (a, one), (b, other) = pair
+        pixels = [np.nan_to_num(seen[camera].pixels[place]) for camera, place in pair]
+        both = (seen[a].confidence[one] > 0) & (seen[b].confidence[other] > 0)
+        flat = cv2.triangulatePoints(self.projections[a], self.projections[b], pixels[0].T, pixels[1].T)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.where(both[:, None], (flat[:3] / flat[3]).T, np.nan)
+
+    def _supported(
+        self, pair: tuple[tuple[int, int], tuple[int, int]], seen: Mapping[int, Detections], pool: Sequence[tuple[int, int]]
+    ) -> tuple[float, dict[int, int]] | None:
+        """Return how well cameras support that two detections are one individual, and its detections."""
+        joints = self._pair(pair, seen)
+        known = np.isfinite(joints[:, 0])
+        if known.sum() < min(MIN_SHARED, len(joints)):
+            return None
+        score, places = 0.0, dict(pair)
+        for camera, one in seen.items():
+            at, depth = _project(self.projections[camera], joints)
+            if not (depth[known] > 0).all():
+                if camera in places:
+                    return None
+                continue
+            sizes = np.array([_extent(np.where(c[:, None] > 0, p, np.nan)) for p, c in zip(one.pixels, one.confidence, strict=True)])
+            away = np.linalg.norm(at - one.pixels, axis=2) / sizes[:, None]
+            shared = np.isfinite(away) & (one.confidence > 0)
+            mean = np.where(shared, np.minimum(away, CAP), 0).sum(axis=1) / np.maximum(shared.sum(axis=1), 1)
+            mean[shared.sum(axis=1) < min(MIN_SHARED, len(joints))] = np.inf
+            if camera in places:
+                if mean[places[camera]] > AGREE:
+                    return None
+                score += 1 - mean[places[camera]] / GATE
+                continue
+            mean[[place for place in range(len(mean)) if (camera, place) not in pool]] = np.inf
+            best = int(mean.argmin())
+            if mean[best] < GATE:
+                places[camera] = best
+                score += 1 - mean[best] / GATE
+            else:
+                score -= UNSEEN
+        return (score, places) if score > 0 else None
+
+
+def merged(seen: Detections, owned: Sequence[int]) -> tuple[Array, Array, Array]:
+    """Return pixels, confidences and times (joints, ...) of one individual's detections, the first's first."""
+    pixels, confidence, times = (np.array(part[owned[0]]) for part in (seen.pixels, seen.confidence, seen.times_s))
+    for place in owned[1:]:
+        lacking = (confidence == 0) & (seen.confidence[place] > 0)
+        for whole, part in ((pixels, seen.pixels), (confidence, seen.confidence), (times, seen.times_s)):
+            whole[lacking] = part[place][lacking]
+    return pixels, confidence, times
+
+
+def _steps(frame_s: Sequence[Array], period_s: float) -> list[dict[int, int]]:
+    """Return the frames of each step in time, by camera: each frame once, a camera once in a step."""
+    frames = sorted((float(s), camera, k) for camera, times in enumerate(frame_s) for k, s in enumerate(times) if np.isfinite(s))
+    shortest = min((float(np.median(np.diff(own))) for times in frame_s if len(own := times[np.isfinite(times)]) > 1), default=period_s)
+    steps, begin = list[dict[int, int]](), -np.inf
+    for at_s, camera, k in frames:
+        if not steps or camera in steps[-1] or at_s - begin > STEP * shortest:
+            steps.append({})
+            begin = at_s
+        steps[-1][camera] = k
+    return steps
+
+
+def _project(projection: Array, points: Array) -> tuple[Array, Array]:
+    """Return pixels (..., 2) and depths (...) of points (..., 3)."""
+    homogeneous = points @ projection[:, :3].T + projection[:, 3]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return homogeneous[..., :2] / homogeneous[..., 2:], homogeneous[..., 2]
+
+
+def _extent(points: Array) -> float:
+    """Return the diagonal of the box around known points (n, ...), at least 1e-9."""
+    known = points[np.isfinite(points[:, 0])]
+    return max(float(np.linalg.norm(np.ptp(known, axis=0))), 1e-9) if len(known) else 1e-9
+
+
+def _apart(a: Array, b: Array) -> float:
+    """Return the median distance of the joints that both know; infinite where there are none."""
+    away = np.linalg.norm(a - b, axis=1)
+    known = away[np.isfinite(away)]
+    return float(np.median(known)) if len(known) else np.inf

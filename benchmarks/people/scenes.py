@@ -35,13 +35,16 @@ STOLEN = 0.5
 LEGS = JOINTS.index("left_hip")
 """The first joint of the lower half."""
 BONES = np.array(SKELETONS["blazepose"].bones)
-MIRRORED = np.array([
-    JOINTS.index(
-        name.replace("left", "~").replace("right", "left").replace("~", "right") if "left" in name or "right" in name
-        else name
-    )
-    for name in JOINTS
-])
+MIRRORED = np.array(
+    [
+        JOINTS.index(
+            name.replace("left", "~").replace("right", "left").replace("~", "right")
+            if "left" in name or "right" in name
+            else name
+        )
+        for name in JOINTS
+    ]
+)
 
 
 class SceneOfPeople(NamedTuple):
@@ -162,7 +165,9 @@ def _who_is_not_there(
     """Return who is detected in a camera's frames without being there: mirrored, on a poster, or by mistake."""
     sure = np.full(len(JOINTS), 0.8)
     poster = pixels_of(view, joints[:1] * 0.9 + [0.6, 0.5, 0.3])[0]
-    mirror = pixels_of(view, (joints * [1, 1, 1] - [0, 0, 0]) @ np.diag([1.0, -1.0, 1.0]) + [0, 3.5, 0])[:, MIRRORED]
+    mirror = pixels_of(view, (joints * [1, 1, 1] - [0, 0, 0]) @ np.diag([1.0, -1.0, 1.0]) + [0, 3.5, 0])[
+        :, MIRRORED
+    ]
     mistake = dict[str, Floats]()
 
     def odd(frame: int) -> list[tuple[Floats, Floats]]:

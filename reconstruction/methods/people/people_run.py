@@ -123,12 +123,17 @@ class PeopleFinder:
         self.magnification = focal / np.median(focal)
         self.focal = focal[:, 0, 0]
         found = [_detections(one) for one in self.frames]
-        self.seen = {camera for camera, of_frames in enumerate(found) if any(len(one.pixels) for one in of_frames.values())}
+        self.seen = {
+            camera
+            for camera, of_frames in enumerate(found)
+            if any(len(one.pixels) for one in of_frames.values())
+        }
         """Cameras, by number, that show anybody."""
-        matcher = PersonMatcher(self.projections, self.focal, found)
+        matcher = PersonMatcher(self.projections, self.focal, found, skeleton.joints)
         individuals = matcher.match([one.frame_s for one in self.frames], period_s)
-        individuals = [one for one in individuals if one.confirmed >= MIN_TIMES]
-        self.people = [self._tracks(one, found) for one in sorted(individuals, key=lambda one: -one.confirmed)]
+        self.people = [
+            self._tracks(one, found) for one in sorted(individuals, key=lambda one: -len(one.confirmed))
+        ]
         owned = sum(len(places) for one in individuals for places in one.places.values())
         self.alone = sum(len(one.pixels) for of_frames in found for one in of_frames.values()) - owned
         """Number of detections that no second camera confirms."""

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from itertools import combinations
 from typing import NamedTuple
 
+import re
 import cv2
 import numpy as np
 
@@ -31,6 +32,11 @@ ONE_BODY = 0.1
 """Median distance of joints below which two individuals are one, relative to their size."""
 MIN_SHARED = 4
 """Fewest joints by which an individual and a detection are compared."""
+MIRRORED = 0.03
+"""Distance by which left and right must fit better if they are exchanged."""
+MIN_STEPS, MIN_DENSITY = 6, 0.5
+"""Fewest steps at which two cameras show an individual (or half of all steps), and their least fraction from its
+first to its last: what flickers is nobody."""
 MAX_LOST_S = 1.0
 """Time after which an individual that nothing was seen of ends."""
 DRIFT, STRIDE = 0.3, 1.2
@@ -68,8 +74,14 @@ class Individual:
     speed: Array
     places: Places = field(default_factory=dict)
     names: dict[int, str] = field(default_factory=dict)
-    confirmed: int = 0
-    """Number of steps at which at least two cameras show it."""
+    confirmed: list[int] = field(default_factory=list)
+    """Steps at which at least two cameras show it."""
+
+    def is_somebody(self, steps: int) -> bool:
+        """Whether it is more than detections that agree by chance, in a take of some steps without a long pause."""
+        number = len(self.confirmed)
+        span = self.confirmed[-1] - self.confirmed[0] + 1 if number else 0
+        return number >= max(1, min(MIN_STEPS, steps / 2), MIN_DENSITY * span)
 
     def at(self, time_s: float) -> Array:
         """Return where its joints should be at a time, (joints, 3)."""
@@ -80,16 +92,26 @@ class PersonMatcher:
     """Finds the individuals of a session, step by step in time."""
 
     def __init__(
-        self, projections: Array, sizes: Array, detections: Sequence[Mapping[int, Detections]]
+        self,
+        projections: Array,
+        sizes: Array,
+        detections: Sequence[Mapping[int, Detections]],
+        joints: Sequence[str],
     ) -> None:
         self.projections, self.sizes, self.detections = projections, sizes, detections
-        self.ended, self.active = list[Individual](), list[Individual]()
+        self.mirror = mirrored(joints)
+        self.ended, self.active, self.step = list[Individual](), list[Individual](), 0
 
     def match(self, frame_s: Sequence[Array], period_s: float) -> list[Individual]:
         """Return the individuals, by the times (frames,) of each camera's frames, NaN = no frame."""
-        for frames in _steps(frame_s, period_s):
+        steps = _steps(frame_s, period_s)
+        for self.step, frames in enumerate(steps):
             self._step(frames, {camera: float(frame_s[camera][k]) for camera, k in frames.items()})
-        return self.ended + self.active
+        begins_s = np.array([min(frame_s[camera][k] for camera, k in frames.items()) for frames in steps])
+        take = np.cumsum(np.diff(begins_s, prepend=begins_s[:1]) > MAX_LOST_S)
+        long = np.bincount(take)
+        everybody = [one for one in self.ended + self.active if one.confirmed]
+        return [one for one in everybody if one.is_somebody(int(long[take[one.confirmed[0]]]))]
 
     def _step(self, frames: Mapping[int, int], times: Mapping[int, float]) -> None:
         now_s = float(np.mean(list(times.values())))
@@ -107,7 +129,7 @@ class PersonMatcher:
                 sure.add(number)
                 for camera, owned in places.items():
                     free[camera] -= {*owned}
-        self._part_bodies(sure)
+        self._part_bodies(sure, frames)
         weak = [one for number, one in enumerate(self.active) if number not in sure]
         self._begin(seen, free, frames, weak, [self.active[n] for n in sure], now_s)
         for number, individual in enumerate(self.active[: len(points)]):
@@ -123,7 +145,13 @@ class PersonMatcher:
         if not self.active:
             return {}
         predicted = np.array([one.at(time_s) for one in self.active])
-        costs = np.array([self._distances(camera, joints, one.size, seen) for joints, one in zip(predicted, self.active, strict=True)])
+        # Detectors exchange left and right of whole bodies.
+        costs = np.array([
+            [self._distances(camera, joints[order], one.size, seen) for joints, one in zip(predicted, self.active, strict=True)]
+            for order in (slice(None), self.mirror)
+        ])  # fmt: skip
+        exchanged = costs[1] + MIRRORED < costs[0]
+        costs = np.where(exchanged, costs[1], costs[0])
         for row, one in enumerate(self.active):
             for place, name in enumerate(seen.names):
                 costs[row, place] -= NAMED * (one.names.get(camera) == name)
@@ -133,6 +161,11 @@ class PersonMatcher:
             row = int(costs[:, place].argmin())
             if row in taken and costs[row, place] < GATE / 2:
                 taken[row].append(place)
+        for row, owned in taken.items():
+            for place in owned:
+                if exchanged[row, place]:
+                    for part in seen[:3]:
+                        part[place] = part[place][self.mirror]
         return taken
 
     def _distances(self, camera: int, joints: Array, size: float, seen: Detections) -> Array:
@@ -163,9 +196,17 @@ class PersonMatcher:
                 one = self.active[row]
                 pixels[camera, row] = merged(seen[camera], owned)[0]
                 # A frame of another time is moved by the whole body's speed.
-                there, then = (_project(self.projections[camera], one.at(at_s))[0] for at_s in (now_s, times[camera]))
+                there, then = (
+                    _project(self.projections[camera], one.at(at_s))[0] for at_s in (now_s, times[camera])
+                )
                 pixels[camera, row] += np.nan_to_num(there - then)
-        return [*self._points(pixels, np.array([one.size for one in self.active]), np.array([one.at(now_s) for one in self.active]))]
+        return [
+            *self._points(
+                pixels,
+                np.array([one.size for one in self.active]),
+                np.array([one.at(now_s) for one in self.active]),
+            )
+        ]
 
     def _points(self, pixels: Array, sizes: Array, near: Array) -> Array:
         """Locate joints (n, joints, 3) by pixels (cameras, n, joints, 2) of individuals of some sizes, near points."""
@@ -173,7 +214,9 @@ class PersonMatcher:
         depths = np.stack([np.nanmean(_project(one, near)[1], axis=1) for one in self.projections])
         noise = NOISE * sizes * self.sizes[:, None] / np.maximum(depths, 1e-9)
         variances = np.repeat(noise**2, joints, axis=1)
-        return locate(self.projections, pixels.reshape(cameras, -1, 2), variances).points.reshape(number, joints, 3)
+        return locate(self.projections, pixels.reshape(cameras, -1, 2), variances).points.reshape(
+            number, joints, 3
+        )
 
     def _accept(
         self,
@@ -201,7 +244,7 @@ class PersonMatcher:
         individual.joints[now_s - individual.known_s > MAX_LOST_S] = np.nan
         individual.size += 0.1 * (max(_extent(individual.joints), individual.size * 0.9) - individual.size)
         individual.seen_s = now_s
-        individual.confirmed += 1
+        individual.confirmed.append(self.step)
         self._note(individual, places, frames, seen)
         return True
 
@@ -223,29 +266,33 @@ class PersonMatcher:
         known = away[np.isfinite(away)]
         return float(np.median(known)) if len(known) else np.inf
 
-    def _follow(self, individual: Individual, camera: int, seen: Detections, place: int, now_s: float) -> None:
+    def _follow(
+        self, individual: Individual, camera: int, seen: Detections, place: int, now_s: float
+    ) -> None:
         """Move an individual that one camera alone shows across that camera's view."""
         joints = individual.at(now_s)
         at, depth = _project(self.projections[camera], joints)
-        away = np.nanmedian(np.where(seen.confidence[place][:, None] > 0, seen.pixels[place] - at, np.nan), axis=0)
+        away = np.nanmedian(
+            np.where(seen.confidence[place][:, None] > 0, seen.pixels[place] - at, np.nan), axis=0
+        )
         inverse = np.linalg.pinv(self.projections[camera][:, :3])
         shift = inverse @ np.append(away * np.nanmean(depth), 0.0)
         individual.joints, individual.seen_s = joints + shift, now_s
         individual.speed = individual.speed * 0.8
 
-    def _part_bodies(self, sure: set[int]) -> None:
+    def _part_bodies(self, sure: set[int], frames: Mapping[int, int]) -> None:
         """End the younger of two individuals on one body."""
-        doubles = set[int]()
-        for first, second in combinations(sorted(sure, key=lambda n: -self.active[n].confirmed), 2):
+        for first, second in combinations(sorted(sure, key=lambda n: -len(self.active[n].confirmed)), 2):
             a, b = self.active[first], self.active[second]
-            if first not in doubles and _apart(a.joints, b.joints) < ONE_BODY * max(a.size, b.size):
-                doubles.add(second)
-        for number in doubles:
-            one = self.active[number]
-            last = max(k for _, k in one.places)
-            one.places = {at: owned for at, owned in one.places.items() if at[1] < last}
-            one.seen_s = -np.inf
-        sure -= doubles
+            if {first, second} <= sure and self._on_one_body(a.joints, b.joints, max(a.size, b.size)):
+                sure.remove(second)
+                b.confirmed.pop()
+                b.seen_s = -np.inf
+                for at in frames.items():
+                    b.places.pop(at, None)
+
+    def _on_one_body(self, joints: Array, others: Array, size: float) -> bool:
+        return min(_apart(joints, others), _apart(joints, others[self.mirror])) < ONE_BODY * size
 
     def _begin(
         self,
@@ -260,7 +307,7 @@ class PersonMatcher:
         found = list[tuple[Array, float, dict[int, list[int]]]]()
         for points, size, places in self._hypotheses(seen, free):
             others = [(one.joints, one.size) for one in sure] + [(joints, big) for joints, big, _ in found]
-            if all(_apart(points, joints) > ONE_BODY * max(size, big) for joints, big in others):
+            if not any(self._on_one_body(points, joints, max(size, big)) for joints, big in others):
                 found.append((points, size, places))
             for camera, owned in places.items():
                 free[camera].difference_update(owned)
@@ -290,7 +337,9 @@ class PersonMatcher:
         scored = [one for pair in pairs if (one := self._supported(pair, seen, pool)) is not None]
         for _, places in sorted(scored, key=lambda one: -one[0]):
             if left.issuperset(places.items()):
-                pixels = np.full((len(self.projections), 1, *next(iter(seen.values())).pixels.shape[1:]), np.nan)
+                pixels = np.full(
+                    (len(self.projections), 1, *next(iter(seen.values())).pixels.shape[1:]), np.nan
+                )
                 for camera, place in places.items():
                     pixels[camera, 0] = merged(seen[camera], [place])[0]
                 (camera, place), *_ = places.items()
@@ -298,8 +347,25 @@ class PersonMatcher:
                 points = self._points(pixels, np.array([_extent(rough)]), rough[None])[0]
                 if np.isfinite(points[:, 0]).sum() >= min(MIN_SHARED, len(points)):
                     left -= {*places.items()}
-                    found.append((points, _extent(points), {camera: [place] for camera, place in places.items()}))
+                    found.append(
+                        (
+                            points,
+                            self._size(points, places, seen),
+                            {camera: [place] for camera, place in places.items()},
+                        )
+                    )
         return found
+
+    def _size(self, points: Array, places: Mapping[int, int], seen: Mapping[int, Detections]) -> float:
+        """Return the size of an individual by all joints of its detections, also those that one camera shows."""
+        depths = {
+            camera: float(np.nanmean(_project(self.projections[camera], points)[1])) for camera in places
+        }
+        sizes = [
+            _extent(seen[camera].pixels[place]) * depths[camera] / self.sizes[camera]
+            for camera, place in places.items()
+        ]
+        return max(_extent(points), float(np.median(sizes)))
 
     def _pair(self, pair: Sequence[tuple[int, int]], seen: Mapping[int, Detections]) -> Array:
         """Return the joints (joints, 3) of a detection in each of two cameras."""
@@ -311,7 +377,10 @@ class PersonMatcher:
             return np.where(both[:, None], (flat[:3] / flat[3]).T, np.nan)
 
     def _supported(
-        self, pair: tuple[tuple[int, int], tuple[int, int]], seen: Mapping[int, Detections], pool: Sequence[tuple[int, int]]
+        self,
+        pair: tuple[tuple[int, int], tuple[int, int]],
+        seen: Mapping[int, Detections],
+        pool: Sequence[tuple[int, int]],
     ) -> tuple[float, dict[int, int]] | None:
         """Return how well cameras support that two detections are one individual, and its detections."""
         joints = self._pair(pair, seen)
@@ -325,7 +394,7 @@ class PersonMatcher:
                 if camera in places:
                     return None
                 continue
-            sizes = np.array([_extent(np.where(c[:, None] > 0, p, np.nan)) for p, c in zip(one.pixels, one.confidence, strict=True)])
+            sizes = np.array([_extent(pixels) for pixels in one.pixels])
             away = np.linalg.norm(at - one.pixels, axis=2) / sizes[:, None]
             shared = np.isfinite(away) & (one.confidence > 0)
             mean = np.where(shared, np.minimum(away, CAP), 0).sum(axis=1) / np.maximum(shared.sum(axis=1), 1)
@@ -347,7 +416,9 @@ class PersonMatcher:
 
 def merged(seen: Detections, owned: Sequence[int]) -> tuple[Array, Array, Array]:
     """Return pixels, confidences and times (joints, ...) of one individual's detections, the first's first."""
-    pixels, confidence, times = (np.array(part[owned[0]]) for part in (seen.pixels, seen.confidence, seen.times_s))
+    pixels, confidence, times = (
+        np.array(part[owned[0]]) for part in (seen.pixels, seen.confidence, seen.times_s)
+    )
     for place in owned[1:]:
         lacking = (confidence == 0) & (seen.confidence[place] > 0)
         for whole, part in ((pixels, seen.pixels), (confidence, seen.confidence), (times, seen.times_s)):
@@ -355,10 +426,33 @@ def merged(seen: Detections, owned: Sequence[int]) -> tuple[Array, Array, Array]
     return pixels, confidence, times
 
 
+def mirrored(joints: Sequence[str]) -> Array:
+    """Return for each joint the number of that on the other side, by its name; its own if there is none."""
+    sides = [
+        ("left", "right"),
+        ("right", "left"),
+        ("Left", "Right"),
+        ("Right", "Left"),
+        ("L", "R"),
+        ("R", "L"),
+    ]
+    others = [[re.sub(rf"^{a}(?![a-z])|(?<=_){a}$", b, name) for a, b in sides] for name in joints]
+    return np.array([next((joints.index(other) for other in names if other != name and other in joints), k)
+        for k, (name, names) in enumerate(zip(joints, others, strict=True))])  # fmt: skip
+
+
 def _steps(frame_s: Sequence[Array], period_s: float) -> list[dict[int, int]]:
     """Return the frames of each step in time, by camera: each frame once, a camera once in a step."""
-    frames = sorted((float(s), camera, k) for camera, times in enumerate(frame_s) for k, s in enumerate(times) if np.isfinite(s))
-    shortest = min((float(np.median(np.diff(own))) for times in frame_s if len(own := times[np.isfinite(times)]) > 1), default=period_s)
+    frames = sorted(
+        (float(s), camera, k)
+        for camera, times in enumerate(frame_s)
+        for k, s in enumerate(times)
+        if np.isfinite(s)
+    )
+    shortest = min(
+        (float(np.median(np.diff(own))) for times in frame_s if len(own := times[np.isfinite(times)]) > 1),
+        default=period_s,
+    )
     steps, begin = list[dict[int, int]](), -np.inf
     for at_s, camera, k in frames:
         if not steps or camera in steps[-1] or at_s - begin > STEP * shortest:

@@ -6,26 +6,15 @@ from typing import NamedTuple
 import numpy as np
 
 from reconstruction.common.geometry import Array
-from reconstruction.methods.people.keypoints import CameraJoints, FrameJoints
 
 MIN_CONFIDENCE = 0.3
 """Confidence below which a joint counts as not seen."""
-MAX_STEP = 0.35
-"""Largest mean step of joints between two frames, relative to the size of the individual."""
-AMBIGUOUS = 2.0
-"""Ratio of two steps below which it is open who is who: both tracks end."""
 MAX_GAP = 2.5
 """Longest time between two frames that is interpolated, in periods: a gap of one frame."""
 EDGE = 0.25
 """Longest time outside of a track, in periods, over which its last two frames are extrapolated."""
 CURVED = 0.35
 """Standard deviation of an interpolation, relative to the difference between cubic and linear."""
-RELIABLE = 0.5
-"""Confidence from which on a joint tells who is who."""
-
-
-FramePlaces = dict[int, tuple[FrameJoints, int]]
-"""An individual's place among those of each frame, by instant."""
 
 
 class Track(NamedTuple):
@@ -65,53 +54,6 @@ def size_of(pixels: Array) -> Array:
     known = np.isfinite(pixels)
     sides = np.where(known, pixels, -np.inf).max(axis=1) - np.where(known, pixels, np.inf).min(axis=1)
     return np.where(known.any(axis=(1, 2)), np.linalg.norm(sides, axis=1), np.nan)
-
-
-def follow_in_camera(joints: CameraJoints, frames: int) -> list[tuple[Array, Array]]:
-    """Return the pixels and confidences, (frames, joints, ...), of each individual in a camera's frames.
-
-    An individual keeps its name, or is the nearest of the next frame; where that is open, its track ends.
-    """
-    tracks, by_name = list[FramePlaces](), dict[str, FramePlaces]()
-    for instant, frame in sorted(joints.items()):
-        for place, name in enumerate(frame.names):
-            by_name.setdefault(name, {})[instant] = frame, place
-        if not frame.names:
-            _continue(tracks, instant, frame)
-    followed = list[tuple[Array, Array]]()
-    for track in [*by_name.values(), *tracks]:
-        number = next(iter(track.values()))[0].pixels.shape[1]
-        pixels, confidence = np.full((frames, number, 2), np.nan), np.zeros((frames, number))
-        for instant, (frame, place) in track.items():
-            seen = frame.confidence[place] >= MIN_CONFIDENCE
-            pixels[instant, seen] = frame.pixels[place, seen]
-            confidence[instant, seen] = frame.confidence[place, seen]
-        followed.append((pixels, confidence))
-    return followed
-
-
-def _continue(tracks: list[FramePlaces], instant: int, frame: FrameJoints) -> None:
-    """Append a frame's individuals to the tracks that they continue, and begin tracks for the others."""
-    number, joints = frame.confidence.shape
-    open_tracks = [track for track in tracks if max(track) >= instant - 2]
-    steps = np.full((len(open_tracks), number), np.inf)
-    for row, track in enumerate(open_tracks):
-        last, place = track[max(track)]
-        shared = (last.confidence[place] > RELIABLE) & (frame.confidence > RELIABLE)
-        apart = np.linalg.norm(frame.pixels - last.pixels[place], axis=2)
-        size = max(float(size_of(last.pixels[place][None])[0]), 1.0)
-        mean = np.where(shared, apart, 0).sum(axis=1) / np.maximum(shared.sum(axis=1), 1) / size
-        usable = (shared.sum(axis=1) >= min(3, joints)) & (mean < MAX_STEP)
-        steps[row, usable] = mean[usable]
-    while np.isfinite(steps).any():
-        row, place = (int(index) for index in np.unravel_index(int(steps.argmin()), steps.shape))
-        rivals = steps < AMBIGUOUS * max(steps[row, place], 1e-3)
-        rows, places = np.flatnonzero(rivals[:, place]), np.flatnonzero(rivals[row])
-        if len(rows) == len(places) == 1:
-            open_tracks[row][instant] = frame, place
-        steps[rows] = steps[:, places] = np.inf
-    followed = {track[instant][1] for track in open_tracks if instant in track}
-    tracks.extend({instant: (frame, place)} for place in range(number) if place not in followed)
 
 
 def interpolate(track: Track, at_s: Array, period_s: float, *, nearest: bool = False) -> PixelsAt:

@@ -143,9 +143,7 @@ def save_people(scene: Scene, condition: Condition, folder: Path, method: People
         moved_px=round(found.moved_px, 3),
         people=tuple(_summary(k, person, found.times_s) for k, person in enumerate(found.people, 1)),
         left_out=left_out,
-        remarks=(f"left out, as no second camera confirms them: {count(alone, 'track')} of one camera each",)
-        if (alone := sum(map(len, finder.alone)))
-        else (),
+        remarks=_remarks(finder),
     )
 
 
@@ -185,13 +183,19 @@ def _summary(number: int, person: Person, times_s: Array) -> PersonResult:
     )
 
 
+def _remarks(finder: PeopleFinder) -> tuple[str, ...]:
+    alone = (
+        finder.alone and f"left out, as no second camera confirms them: {count(finder.alone, 'detection')}"
+    )
+    return tuple(one for one in (alone, *finder.remarks) if one)
+
+
 def _left_out(finder: PeopleFinder) -> dict[str, str]:
     """Return the cameras that show nobody whom another camera confirms, each with the reason."""
-    used = {track.camera for tracks in finder.people for track in tracks}
-    seen = {track.camera for track in finder.tracks}
+    used = {track.camera for tracks in finder.people for track in tracks if track.frames.any()}
     odd = "who is seen in it fits no other camera: is its calibration its own, and its picture not mirrored?"
     return {
-        name: odd if number in seen else "nobody is seen in it"
+        name: odd if number in finder.seen else "nobody is seen in it"
         for number, name in enumerate(finder.names)
         if number not in used
     }

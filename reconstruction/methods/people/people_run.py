@@ -1,12 +1,14 @@
 """People of a session in 3D, at its instants or at any other times."""
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 
+from capture_app.common.text import count
 from reconstruction.common.geometry import Array, View
 from reconstruction.methods.people.joint_positions import Positions, locate, radius_95
 from reconstruction.methods.people.joint_tracks import (
@@ -102,7 +104,7 @@ class PeopleInTime:
 
 
 class PeopleFinder:
-    """Tracks of a session's individuals in all cameras, matched once; `at` locates their joints."""
+    """The individuals of a session in all cameras, matched once; `at` locates their joints."""
 
     def __init__(
         self,
@@ -135,8 +137,10 @@ class PeopleFinder:
             self._tracks(one, found) for one in sorted(individuals, key=lambda one: -len(one.confirmed))
         ]
         owned = sum(len(places) for one in individuals for places in one.places.values())
-        self.alone = sum(len(one.pixels) for of_frames in found for one in of_frames.values()) - owned
+        self.alone = sum(len(one.pixels) for frames in found for one in frames.values()) - owned
         """Number of detections that no second camera confirms."""
+        self.remarks = [*_cut_names(self.names, found, individuals)]
+        """What space contradicts in the names of a source."""
 
     def at(
         self, times_s: Array, late_s: Mapping[str, Array] | None = None, *, nearest: bool = False
@@ -243,6 +247,23 @@ def _detections(camera: CameraFrames) -> dict[int, Detections]:
             times = np.where(inside, camera.frame_s[k] + camera.row_s * frame.pixels[..., 1], np.nan)
             found[k] = Detections(times, straight, np.where(inside, frame.confidence, 0.0), frame.names)
     return found
+
+
+def _cut_names(
+    cameras: Sequence[str], found: Sequence[Mapping[int, Detections]], individuals: Sequence[Individual]
+) -> Iterator[str]:
+    """Yield a remark for each name in a camera that is not one individual throughout."""
+    owners = dict[tuple[int, str], list[tuple[int, int]]]()
+    for number, one in enumerate(individuals):
+        for (camera, k), places in one.places.items():
+            for name in [found[camera][k].names[place] for place in places if found[camera][k].names]:
+                owners.setdefault((camera, name), []).append((k, number))
+    for (camera, name), owned in sorted(owners.items()):
+        changed = [k for (_, before), (k, after) in pairwise(sorted(owned)) if before != after]
+        if changed:
+            often = f" ({count(len(changed), 'change')})" if len(changed) > 1 else ""
+            where = f"in {cameras[camera]}, {name or 'the one without a name'}"
+            yield f"{where} is another individual from instant {changed[0]} on{often}: there the name was not followed"
 
 
 def _running_median(points: Array) -> Array:

@@ -55,7 +55,7 @@ def _find_people(scene: Scene, method: PeopleOptions) -> tuple[PeopleFinder, Key
     frames = camera_frames(dataset, scene.views, keypoints)
     finder = PeopleFinder(frames, keypoints.skeleton, dataset.period_ns / 1e9, scene.scale_error)
     if not finder.people:
-        seen = sorted({finder.names[track.camera] for track in finder.tracks})
+        seen = [finder.names[number] for number in sorted(finder.seen)]
         what = f"somebody is seen by {' and '.join(seen)}, but no two cameras see the same person"
         raise NotApplicableError(what if seen else f"nobody is seen by {' or '.join(cameras)}", hint=WHOLE)
     return finder, keypoints

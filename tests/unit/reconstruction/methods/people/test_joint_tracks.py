@@ -1,10 +1,9 @@
-"""Where a joint was between two frames, and who is who in the next one."""
+"""Where a joint was between two frames."""
 
 import numpy as np
 import pytest
 
-from reconstruction.methods.people.joint_tracks import Track, follow_in_camera, interpolate
-from reconstruction.methods.people.keypoints import FrameJoints
+from reconstruction.methods.people.joint_tracks import Track, interpolate
 
 TIMES = np.arange(10) / 10
 
@@ -49,30 +48,3 @@ def test_a_single_frame_counts_at_its_own_time_alone() -> None:
     alone = tuple(range(1, 10))
     assert at(0.0, alone) == [0.0, 0.0]
     assert np.isnan(at(0.01, alone)).all()
-
-
-def people(*places: float) -> FrameJoints:
-    square = np.array([[0, 0], [40, 0], [0, 40], [40, 40]], float)
-    return FrameJoints(np.array([square + np.array([x, 0]) for x in places]), np.ones((len(places), 4)))
-
-
-def test_individuals_keep_their_track_in_any_order() -> None:
-    frames = {0: people(0, 300), 1: people(302, 3), 2: people(6, 304)}
-    left, right = follow_in_camera(frames, 3)
-    assert left[0][:, 0, 0].tolist() == [0, 3, 6]
-    assert right[0][:, 0, 0].tolist() == [300, 302, 304]
-
-
-def test_where_it_is_open_who_is_who_tracks_end() -> None:
-    frames = {0: people(0, 12), 1: people(6, 7)}
-    assert len(follow_in_camera(frames, 2)) == 4
-
-
-def test_names_are_believed() -> None:
-    frames = {
-        k: FrameJoints(people(*places).pixels, np.ones((2, 4)), names)
-        for k, places, names in ((0, (0, 500), ("a", "b")), (1, (500, 0), ("a", "b")))
-    }
-    a, b = follow_in_camera(frames, 2)
-    assert a[0][:, 0, 0].tolist() == [0, 500]
-    assert b[0][:, 0, 0].tolist() == [500, 0]

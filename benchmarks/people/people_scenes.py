@@ -7,7 +7,6 @@ a time, missing joints, and how many known ones are within the stated error.
 
 from collections.abc import Sequence
 
-
 from benchmarks.people.scenes import FRAMES_PER_S, KINDS, draw
 from benchmarks.people.scores import Scores, score
 from benchmarks.report import Columns, Report, new_parser, print_report, print_rows

@@ -1,6 +1,7 @@
 """Scenes of several drawn people, with detections that err as real detectors do. Simulated.
 
-People walk apart, cross, embrace, stand behind a table, leave and come back; a mirror or a poster shows somebody who is not there;
+People walk apart, cross, embrace, stand behind a table, leave and come back; a mirror or a poster shows
+somebody who is not there;
 somebody is seen by two cameras only; adults and children are together. Detections have noise in proportion to
 a person's size (some of it constant for seconds), exchange left and right, miss people and joints, hide what
 is behind somebody or give it the joints of whom is in front, find halves of people, find people twice, and
@@ -26,7 +27,7 @@ NOISE, BIAS = 0.008, 0.008
 BODY_M = 0.09
 """Half the width of what a limb hides."""
 MISSES, SWAPS, PARTS, TWICE, CLUTTER = 0.02, 0.015, 0.03, 0.02, 0.03
-"""Rates at which a spell of misses, of exchanged sides, of upper and lower half found apart, of somebody found
+"""Rates at which a spell of misses, of exchanged sides, of halves found apart, of somebody found
 twice, or of somebody who is not there begins, a frame."""
 SPELL = 0.2
 """Rate at which it ends."""
@@ -50,8 +51,8 @@ MIRRORED = np.array(
 class SceneOfPeople(NamedTuple):
     """What cameras see, and the truth at the first camera's frames.
 
-    `truth` is (people, times, joints, 3), m, NaN = absent; `visible` (people, times, joints) says which joints
-    two cameras show. Somebody who comes back after more than a second is somebody else.
+    `truth` is (people, times, joints, 3), m, NaN = absent; `visible` (people, times, joints) says
+    which joints two cameras show. Somebody who comes back after more than a second is somebody else.
     """
 
     frames: dict[str, CameraFrames]
@@ -108,14 +109,16 @@ def _halted(motion: Motion, halt_s: float) -> Motion:
     return lambda times: motion(np.minimum(times, np.clip(2 * halt_s + 1 - times, 0, halt_s)))
 
 
-def draw(kind: str, cameras: int, number: int, seed: int, *, late: float = 0.0) -> SceneOfPeople:
-    """Draw a scene of some people; every second camera's frames are `late` (frames) after the others'."""
+def draw(
+    kind: str, cameras: int, number: int, seed: int, *, late: float = 0.0, seconds: float = SECONDS
+) -> SceneOfPeople:
+    """Draw the beginning of a scene of some people; every second camera's frames are `late` (frames) after the others'."""
     rng = np.random.default_rng([KINDS.index(kind), cameras, number, seed])
     motions = people_of(kind, number, rng)
     views = ring(cameras, 180 if cameras < 5 else 300)
-    times = np.arange(0, SECONDS, 1 / FRAMES_PER_S)
+    times = np.arange(0, seconds, 1 / FRAMES_PER_S)
     stays = [_stays(kind, k, rng) for k in range(number)]
-    blind = rng.permutation(cameras)[2:] if kind == "two cameras" else []
+    blind = rng.permutation(cameras)[2:].tolist() if kind == "two cameras" else []
     bodies = rng.normal(0, BIAS, (number, len(JOINTS), 3)) * 1.8
     frames, shown = dict[str, CameraFrames](), np.zeros((number, len(times), len(JOINTS)), int)
     for camera, view in enumerate(views):
@@ -162,12 +165,10 @@ def _stays(kind: str, number: int, rng: np.random.Generator) -> Callable[[float]
 def _who_is_not_there(
     kind: str, camera: int, joints: Floats, view: View, rng: np.random.Generator
 ) -> Callable[[int], list[tuple[Floats, Floats]]]:
-    """Return who is detected in a camera's frames without being there: mirrored, on a poster, or by mistake."""
+    """Return who is detected in a camera without being there: mirrored, on a poster, or by mistake."""
     sure = np.full(len(JOINTS), 0.8)
     poster = pixels_of(view, joints[:1] * 0.9 + [0.6, 0.5, 0.3])[0]
-    mirror = pixels_of(view, (joints * [1, 1, 1] - [0, 0, 0]) @ np.diag([1.0, -1.0, 1.0]) + [0, 3.5, 0])[
-        :, MIRRORED
-    ]
+    mirror = pixels_of(view, joints @ np.diag([1.0, -1.0, 1.0]) + [0, 3.5, 0])[:, MIRRORED]
     mistake = dict[str, Floats]()
 
     def odd(frame: int) -> list[tuple[Floats, Floats]]:

@@ -1,7 +1,7 @@
 """Scores of people in 3D against true joints: who is who, what is missing, and whether stated errors hold."""
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,7 +34,8 @@ class Scores(NamedTuple):
     """Distances of all known joints from the truth."""
 
     def __add__(self, other: "Scores") -> "Scores":  # type: ignore[override]
-        return Scores(*(a + b for a, b in zip(self, other, strict=True)))
+        pairs: list[Any] = [*zip(self, other, strict=True)]
+        return Scores(*(a + b for a, b in pairs))
 
     def figures(self) -> dict[str, float]:
         """Return the figures of a report, fractions from 0 to 1."""
@@ -73,16 +74,16 @@ def score(truth: Floats, visible: NDArray[np.bool_], people: Sequence[Person]) -
         somebody = [k for person in people if np.isfinite(person.error[k]).any()]
         there = np.isfinite(truth[:, k]).all(axis=2).any(axis=1)
         extra += len(somebody) - len(pairs)
-        present += int((there & visible[:, k].any(axis=1)).sum())
-        for row in np.flatnonzero(there):
+        present += int((there & np.any(visible[:, k], axis=1)).sum())
+        for row in np.flatnonzero(there).tolist():
             seen = visible[row, k] & np.isfinite(truth[row, k]).all(axis=1)
             if row not in pairs:
                 missing += int(seen.sum())
                 continue
             person = people[pairs[row]]
-            changes += last.get(row, pairs[row]) != pairs[row]
+            changes += int(last.get(row, pairs[row]) != pairs[row])
             last[row] = pairs[row]
-            owners[pairs[row]].add(int(row))
+            owners[pairs[row]].add(row)
             distances = np.linalg.norm(person.positions[k] - truth[row, k], axis=1)
             known = seen & np.isfinite(distances)
             missing += int((seen & ~known).sum())

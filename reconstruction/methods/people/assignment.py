@@ -38,6 +38,6 @@ def assign(costs: Array, limit: float) -> Iterator[tuple[int, int]]:
             previous = int(before[column])
             owner[column] = owner[previous] if previous >= 0 else begin
             column = previous
-    for column in np.flatnonzero(owner[:columns] >= 0):
-        if costs[owner[column], column] < limit:
-            yield int(owner[column]), int(column)
+    for place, own in enumerate(owner[:columns].tolist()):
+        if own >= 0 and costs[own, place] < limit:
+            yield own, place

@@ -263,7 +263,7 @@ def _cut_names(
         if changed:
             often = f" ({count(len(changed), 'change')})" if len(changed) > 1 else ""
             where = f"in {cameras[camera]}, {name or 'the one without a name'}"
-            yield f"{where} is another individual from instant {changed[0]} on{often}: there the name was not followed"
+            yield f"{where} is another individual from instant {changed[0]} on{often}: the name was cut there"
 
 
 def _running_median(points: Array) -> Array:

@@ -5,12 +5,12 @@ detections there are assigned to them by the distance of joints; what is left be
 rays agree. After 4D association (Zhang et al. 2020) and mvpose (Dong et al. 2019), without parts and looks.
 """
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import combinations
 from typing import NamedTuple
 
-import re
 import cv2
 import numpy as np
 
@@ -25,7 +25,7 @@ CAP = 0.3
 NAMED = 0.03
 """What a name that an individual had before is worth, as a distance."""
 AGREE = 0.04
-"""Largest median distance of the pixels of one individual's joints from their position, relative to its size."""
+"""Largest median distance of one individual's pixels from its joints, relative to its size."""
 UNSEEN = 0.25
 """What a camera that should show an individual and does not is worth, beside 1 for one that shows it well."""
 ONE_BODY = 0.1
@@ -35,12 +35,12 @@ MIN_SHARED = 4
 MIRRORED = 0.03
 """Distance by which left and right must fit better if they are exchanged."""
 MIN_STEPS, MIN_DENSITY = 6, 0.5
-"""Fewest steps at which two cameras show an individual (or half of all steps), and their least fraction from its
+"""Fewest steps at which two cameras show an individual, or half of all, and their least fraction from its
 first to its last: what flickers is nobody."""
 MAX_LOST_S = 1.0
 """Time after which an individual that nothing was seen of ends."""
 DRIFT, STRIDE = 0.3, 1.2
-"""Largest distance between an individual and where it is seen again, relative to its size, and growth a second."""
+"""Largest distance at which an individual is seen again, relative to its size, and its growth a second."""
 NOISE = 0.012
 """Standard deviation of a pixel, relative to an individual's size, by which rays agree."""
 STEP = 0.75
@@ -50,7 +50,7 @@ STEP = 0.75
 class Detections(NamedTuple):
     """Detections in one frame: pixels (n, joints, 2) without distortion, confidences (n, joints), 0 = unseen.
 
-    `times_s` (n, joints) are of each joint's row; `names` are empty if the source does not follow individuals.
+    `times_s` (n, joints) are of each joint's row; `names` are empty if the source follows nobody.
     """
 
     times_s: Array
@@ -78,7 +78,7 @@ class Individual:
     """Steps at which at least two cameras show it."""
 
     def is_somebody(self, steps: int) -> bool:
-        """Whether it is more than detections that agree by chance, in a take of some steps without a long pause."""
+        """Whether it is more than an agreement by chance, in some steps without a long pause."""
         number = len(self.confirmed)
         span = self.confirmed[-1] - self.confirmed[0] + 1 if number else 0
         return number >= max(1, min(MIN_STEPS, steps / 2), MIN_DENSITY * span)
@@ -147,7 +147,10 @@ class PersonMatcher:
         predicted = np.array([one.at(time_s) for one in self.active])
         # Detectors exchange left and right of whole bodies.
         costs = np.array([
-            [self._distances(camera, joints[order], one.size, seen) for joints, one in zip(predicted, self.active, strict=True)]
+            [
+                self._distances(camera, joints[order], one.size, seen)
+                for joints, one in zip(predicted, self.active, strict=True)
+            ]
             for order in (slice(None), self.mirror)
         ])  # fmt: skip
         exchanged = costs[1] + MIRRORED < costs[0]
@@ -157,12 +160,12 @@ class PersonMatcher:
                 costs[row, place] -= NAMED * (one.names.get(camera) == name)
         taken = {row: [place] for row, place in assign(costs, GATE)}
         # A body that is found in parts, or twice.
-        for place in {*range(len(seen.pixels))} - {owned[0] for owned in taken.values()}:
+        for place in {*range(len(seen.pixels))} - {first for first, *_ in taken.values()}:
             row = int(costs[:, place].argmin())
             if row in taken and costs[row, place] < GATE / 2:
                 taken[row].append(place)
-        for row, owned in taken.items():
-            for place in owned:
+        for row, own in taken.items():
+            for place in own:
                 if exchanged[row, place]:
                     for part in seen[:3]:
                         part[place] = part[place][self.mirror]
@@ -209,7 +212,7 @@ class PersonMatcher:
         ]
 
     def _points(self, pixels: Array, sizes: Array, near: Array) -> Array:
-        """Locate joints (n, joints, 3) by pixels (cameras, n, joints, 2) of individuals of some sizes, near points."""
+        """Locate the joints (n, joints, 3) of individuals by pixels (cameras, n, joints, 2)."""
         cameras, number, joints = pixels.shape[:3]
         depths = np.stack([np.nanmean(_project(one, near)[1], axis=1) for one in self.projections])
         noise = NOISE * sizes * self.sizes[:, None] / np.maximum(depths, 1e-9)
@@ -227,7 +230,7 @@ class PersonMatcher:
         seen: Mapping[int, Detections],
         now_s: float,
     ) -> bool:
-        """Move an individual to where its detections are, without those that do not fit; False if none agree."""
+        """Move an individual to its detections, without those that do not fit; False if none agree."""
         for camera in list(places):
             if self._misfit(camera, points, individual.size, seen[camera], places[camera]) > 2 * AGREE:
                 del places[camera]
@@ -324,8 +327,7 @@ class PersonMatcher:
             else:
                 one = Individual(points, np.full(len(points), now_s), now_s, size, np.zeros(3))
                 self.active.append(one)
-            if self._accept(one, points, dict(places), frames, seen, now_s):
-                continue
+            self._accept(one, points, dict(places), frames, seen, now_s)
 
     def _hypotheses(
         self, seen: Mapping[int, Detections], free: Mapping[int, set[int]]
@@ -342,7 +344,6 @@ class PersonMatcher:
                 )
                 for camera, place in places.items():
                     pixels[camera, 0] = merged(seen[camera], [place])[0]
-                (camera, place), *_ = places.items()
                 rough = self._pair([*places.items()][:2], seen)
                 points = self._points(pixels, np.array([_extent(rough)]), rough[None])[0]
                 if np.isfinite(points[:, 0]).sum() >= min(MIN_SHARED, len(points)):
@@ -357,7 +358,7 @@ class PersonMatcher:
         return found
 
     def _size(self, points: Array, places: Mapping[int, int], seen: Mapping[int, Detections]) -> float:
-        """Return the size of an individual by all joints of its detections, also those that one camera shows."""
+        """Return an individual's size by all joints of its detections, also those of one camera."""
         depths = {
             camera: float(np.nanmean(_project(self.projections[camera], points)[1])) for camera in places
         }
@@ -415,7 +416,7 @@ class PersonMatcher:
 
 
 def merged(seen: Detections, owned: Sequence[int]) -> tuple[Array, Array, Array]:
-    """Return pixels, confidences and times (joints, ...) of one individual's detections, the first's first."""
+    """Return pixels, confidences and times (joints, ...) of one individual's detections."""
     pixels, confidence, times = (
         np.array(part[owned[0]]) for part in (seen.pixels, seen.confidence, seen.times_s)
     )

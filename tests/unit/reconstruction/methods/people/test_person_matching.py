@@ -1,0 +1,98 @@
+"""Who is who in space: invariants over drawn scenes, exchanged names, and instants far from each other."""
+
+import numpy as np
+import pytest
+
+from benchmarks.people.figure import Floats, moving, ring, seen_by
+from benchmarks.people.scenes import draw
+from reconstruction.methods.people.keypoints import FrameJoints
+from reconstruction.methods.people.people_run import CameraFrames, PeopleFinder
+from reconstruction.methods.people.person_matching import mirrored
+from reconstruction.methods.people.skeletons import SKELETONS
+from tests.unit.reconstruction.methods.people.takes import TIMES_S, errors_mm, finder, take
+
+SKELETON = SKELETONS["blazepose"]
+PAIR = [moving("walk", (0.0, -0.8)), moving("walk", (0.3, 0.8), heading=np.pi, phase=1.0)]
+
+
+def names_of(frames: dict[str, CameraFrames], exchanged_from: int) -> dict[str, CameraFrames]:
+    """Return a take whose people have names, which are exchanged in one camera from a frame on."""
+    named = dict[str, CameraFrames]()
+    for camera, one in frames.items():
+        found = dict[int, FrameJoints]()
+        for k, frame in one.joints.items():
+            # Who is where is told by the truth.
+            truth = [one.view.project(motion(one.frame_s[k : k + 1])[0]) for motion in PAIR]
+            apart = [[np.abs(a - b).mean() for b in truth] for a in frame.pixels]
+            order = [int(np.argmin(row)) ^ (camera == "cam1" and k >= exchanged_from) for row in apart]
+            found[k] = FrameJoints(frame.pixels, frame.confidence, tuple("ab"[number] for number in order))
+        named[camera] = one._replace(joints=found)
+    return named
+
+
+@pytest.mark.parametrize("kind", ["crossing", "embrace", "leaving", "mirror"])
+def test_no_more_people_than_pictures_allow_never_two_on_a_body_and_each_detection_once(kind: str) -> None:
+    scene = draw(kind, 3, 2, 1, seconds=1.0)
+    people = PeopleFinder(scene.frames, SKELETON, 1 / 30)
+    owned = np.zeros((3, len(scene.times_s)), int)
+    for tracks in people.people:
+        for track in tracks:
+            owned[track.camera] += track.frames
+    shown = np.array([[len(one.joints[k].pixels) for k in one.joints] for one in scene.frames.values()])
+    assert (owned <= shown).all()
+    pixels = np.array([[track.pixels for track in tracks] for tracks in people.people])
+    for first in range(len(pixels)):
+        for second in range(first):
+            same = np.isfinite(pixels[first]) & (pixels[first] == pixels[second])
+            assert not same.any()
+    found = people.at(scene.times_s).people
+    assert len(found) == len(scene.truth)
+    for first in range(len(found)):
+        for second in range(first):
+            apart = np.linalg.norm(found[first].positions - found[second].positions, axis=2)
+            assert np.nanmedian(apart, axis=1)[np.isfinite(apart).any(axis=1)].min() > 0.15
+    owners = [
+        {int(np.argmin([np.nanmedian(distances(one.positions[k], truth[k])) for truth in scene.truth]))
+         for k in range(len(scene.times_s)) if np.isfinite(one.error[k]).any()}
+        for one in found
+    ]  # fmt: skip
+    assert all(len(owner) == 1 for owner in owners)
+
+
+def distances(joints: Floats, truth: Floats) -> Floats:
+    return np.asarray(np.nan_to_num(np.linalg.norm(joints - truth, axis=1), nan=9.0))
+
+
+def test_names_that_are_exchanged_in_one_camera_are_cut_and_said() -> None:
+    times = TIMES_S[:24]
+    people = finder(names_of(take(PAIR, cameras=3, times_s=times), 12))
+    found = people.at(times).people
+    assert len(found) == 2
+    for person in found:
+        assert (
+            min(float(np.nanmax(np.median(errors_mm(person.positions, one, times), axis=1))) for one in PAIR)
+            < 40
+        )
+    assert sorted(people.remarks) == [
+        f"in cam1, {name} is another individual from instant 12 on: the name was cut there" for name in "ab"
+    ]
+
+
+def test_names_that_hold_are_not_remarked() -> None:
+    assert finder(names_of(take(PAIR, cameras=3, times_s=TIMES_S[:12]), 99)).remarks == []
+
+
+def test_far_instants_are_matched_each_alone() -> None:
+    frames = {
+        f"cam{k}": seen_by(view, PAIR, np.array([0.0, 60.0, 120.0]), np.random.default_rng(k))
+        for k, view in enumerate(ring(4, 150))
+    }
+    found = finder(frames).at(np.array([0.0, 60.0, 120.0])).people
+    assert len(found) == 6
+    assert all(np.isfinite(one.error).any(axis=1).sum() == 1 for one in found)
+
+
+def test_sides_are_told_by_names() -> None:
+    assert mirrored(["Nose", "LHip", "RHip", "left_eye", "right_eye", "tail_L", "tail_R", "Left"]).tolist() == [
+        0, 2, 1, 4, 3, 6, 5, 7,
+    ]  # fmt: skip

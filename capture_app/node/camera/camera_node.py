@@ -119,7 +119,9 @@ class CameraNode:
         sealed = SealedClient(self._failover)
         self._refusals = sealed.refusals
         self._endpoint = Endpoint(options, self._failover, sealed, self._drain)
-        self._joining = self._endpoint.join(self._engine, sealed.leader_keys, options.leaders)
+        self._joining = self._endpoint.join(
+            self._failover, sealed.leader_keys, options.leaders, profiles=options.profiles
+        )
         self._camera.connect(self._engine, self._endpoint.pump)
         self._viewfinder = Viewfinder(
             options, instance, self._camera, self._engine, self._uploader, self._samples

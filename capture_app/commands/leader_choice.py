@@ -150,7 +150,8 @@ def leaders_to_join(
 ) -> tuple[Address, ...]:
     """Return the named leaders, or the leaders of the rig found in the network; pair with them.
 
-    Of several that are found, it is the one that `node` followed last. Raises what `find_leader` and `make_known` raise.
+    Of several that are found, it is the one that `node` followed last. Raises what `find_leader` and
+    `make_known` raise.
     """
     if named:
         make_known(named, pin, code)
@@ -163,8 +164,8 @@ def leaders_to_join(
 def find_leader(node: str = "") -> "FoundLeader":
     """Wait until a leader of this machine or its network answers; ask at the terminal which of several.
 
-    Without a terminal it waits for the one that `node` followed last. Raises NetworkError if there are several,
-    and it followed none.
+    Without a terminal it waits for the one that `node` followed last. Raises NetworkError if there are
+    several, and it followed none.
     """
     log_line("looking for a leader in this network")
     from capture_app.node.camera.device_profiles import DeviceProfiles, node_key
@@ -176,8 +177,8 @@ def find_leader(node: str = "") -> "FoundLeader":
         if len(found) == 1 or can_ask or not followed:
             break
         if not said:
-            said = "several leaders are in this network, but not the one that this node followed: it waits for it"
-            log_line(f"{said}; choose another with --leader HOST:PORT")
+            said = "several leaders are in this network, but not the one that this node followed"
+            log_line(f"{said}: waiting for it; choose another with --leader HOST:PORT")
     leader = choose_leader(found, can_ask=can_ask)
     log_line(f"found a leader at {leader.addresses[0]} ({leader.name})")
     return leader

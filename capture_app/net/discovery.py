@@ -67,8 +67,9 @@ async def announced(
     """Announce a leader or relay on `host` and `port` while the block runs, as `name`, else as this machine.
 
     Its pin comes from `trust`, by default its user's; nodes that know the pin prefer it. In an open rig, they
-    prefer the `instance` that they followed. `among` are all leaders of its rig, best first. A leader reachable only from this machine or only by IPv6 is not
-    announced. A network that prevents announcements causes no error.
+    prefer the `instance` that they followed. `among` are all leaders of its rig, best first. A leader
+    reachable only from this machine or only by IPv6 is not announced. A network that prevents announcements
+    causes no error.
     """
     own = trust or Trust.of_user()
     name = name or name_like(socket.gethostname().split(".")[0], "simulshot")
@@ -230,7 +231,7 @@ async def search_leaders(
             leaders = browser.found
             answered = await _answering(leaders, trust)
             is_late = system.monotonic_s() - began_s >= SAY_S
-            for key, addresses in reversed(followed.items()):
+            for key, addresses in reversed([*followed.items()]):
                 same = [leader for leader in answered if leader.is_known and leader.key == key]
                 # Of an open rig's leader that was started again, only the address is the same.
                 if same := same or [of for of in answered if trust.is_open and of.addresses[0] in addresses]:

@@ -35,8 +35,8 @@ UNANSWERED = 2
 REFUSED_S = 5.0
 """The same where another machine answers at their address, and refuses this one."""
 FIND_EVERY_S, EXAMINED_EVERY, FIRST_EXAMINED = 1.0, 10, 3
-"""Interval between two looks for a lost leader, number of looks between two examinations of the path, and before
-the first one: a leader whose address changes is announced some seconds later."""
+"""Interval between two looks for a lost leader, number of looks between two examinations of the path, and
+before the first one: a leader whose address changes is announced some seconds later."""
 
 
 class Joining:
@@ -144,7 +144,7 @@ class Joining:
         return not self._time.is_member and self._time.unanswered >= UNANSWERED
 
     async def _note_leader(self) -> None:
-        """Remember the leader that is followed, unless it only has the address of another one, which moved."""
+        """Remember the leader that is followed, unless it only took the address of another one."""
         leader, config = Address(*self._choice.leader), self._time.followed
         key = str(config and config.leader) if self._trust.is_open else self._pins.get(leader, "")
         known = self._key_at(leader)
@@ -199,11 +199,8 @@ class Joining:
         moved = [place for place in announced if place not in self._choice.leaders]
         obstacles = await asyncio.gather(*map(find_obstacle, moved or self._leaders))
         # What a leader has reported itself is already logged.
-        sentence = "; ".join(
-            str(obstacle)
-            for obstacle in obstacles
-            if obstacle and obstacle.what not in self._time.why_joining
-        )
+        reasons = [of for of in obstacles if of is not None and of.what not in self._time.why_joining]
+        sentence = "; ".join(map(str, reasons))
         if not self._is_unanswered or not sentence:
             return said
         if moved:

@@ -41,8 +41,8 @@ def own_machine() -> Trust:
 async def find_leaders(report: Talk, followed: Mapping[str, Sequence[Address]] = {}) -> list[FoundLeader]:
     """Wait until leaders of this machine or its network answer, and return them.
 
-    Of those that were `followed`, by their keys, the last one is returned alone; else, if any leader is known,
-    only known ones are. `report` gets a sentence whenever something new prevents a connection.
+    Of those that were `followed`, by their keys, the last one is returned alone; else, if any leader is
+    known, only known ones are. `report` gets a sentence whenever something new prevents a connection.
     """
     own = Address("127.0.0.1", DEFAULT_PORT)
     return await search_leaders(

@@ -11,7 +11,7 @@ import pytest
 
 from capture_app.common.address import Address
 from capture_app.node import joining
-from capture_app.node.camera.device_profiles import DeviceProfiles, node_key
+from capture_app.node.camera.device_profiles import NO_PROFILES, DeviceProfiles, node_key
 from capture_app.node.joining import REFUSED_S, UNANSWERED, Joining
 from capture_app.protocol.log import Log
 from capture_app.protocol.pairing_messages import FoundLeader
@@ -63,8 +63,8 @@ def announced(*leaders: FoundLeader) -> Iterator[None]:
 def joining_of(
     client: TimeClient,
     leaders: Sequence[Address],
-    say: Callable[[str], object],
-    profiles: DeviceProfiles = joining.NO_PROFILES,
+    say: Callable[[str], None],
+    profiles: DeviceProfiles = NO_PROFILES,
 ) -> Joining:
     choice = LeaderChoice(tuple(leaders), client)
     return Joining(choice, Mock(), Mock(), Trust.open(), Log(say), leaders, profiles=profiles)

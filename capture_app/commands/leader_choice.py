@@ -168,10 +168,9 @@ def find_leader(node: str = "") -> "FoundLeader":
     several, and it followed none.
     """
     log_line("looking for a leader in this network")
-    from capture_app.node.camera.device_profiles import DeviceProfiles, node_key
-    from capture_app.rig.membership import find_leaders
+    from capture_app.rig.membership import find_leaders, followed_leaders
 
-    followed, can_ask, said = DeviceProfiles().read(node_key(node)).followed, sys.stdin.isatty(), ""
+    followed, can_ask, said = followed_leaders(node), sys.stdin.isatty(), ""
     while True:
         found = run_until_stopped(find_leaders(log_line, followed))
         if len(found) == 1 or can_ask or not followed:

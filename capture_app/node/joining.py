@@ -7,7 +7,8 @@ the instance number of its run.
 import asyncio
 import contextlib
 import itertools
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
+from types import MappingProxyType
 
 from capture_app.common.address import Address
 from capture_app.common.errors import NetworkError, SimulshotError, UnknownMachineError
@@ -17,7 +18,6 @@ from capture_app.net.discovery import MAX_ADDRESSES, MAX_LEADERS, LeaderBrowser
 from capture_app.net.local_network import power_saving, power_saving_towards
 from capture_app.net.reachability import find_obstacle, proves_key
 from capture_app.net.udp import Pump
-from capture_app.node.camera.device_profiles import NO_PROFILES, DeviceProfiles, node_key
 from capture_app.node.enrolment import ask_to_enrol
 from capture_app.protocol.log import Log
 from capture_app.protocol.messages import FromLeader, KeyAnswer, KeyRequest
@@ -38,6 +38,9 @@ FIND_EVERY_S, EXAMINED_EVERY, FIRST_EXAMINED = 1.0, 10, 3
 """Interval between two looks for a lost leader, number of looks between two examinations of the path, and
 before the first one: a leader whose address changes is announced some seconds later."""
 
+Followed = Mapping[str, tuple[Address, ...]]
+"""Addresses of each leader that was followed, by its key; both newest last."""
+
 
 class Joining:
     """What a process does to join leaders: it requests datagram keys, and looks for leaders that are lost."""
@@ -53,11 +56,12 @@ class Joining:
         *,
         is_relay: bool = False,
         succession: Succession | None = None,
-        profiles: DeviceProfiles = NO_PROFILES,
+        followed: Followed = MappingProxyType({}),
+        remember: Callable[[Followed], object] = lambda _: None,
     ) -> None:
         """`leaders`, as they were given, are looked for while none of them answers.
 
-        `profiles` stores which leaders the node followed, for its next start.
+        `remember` stores, blocking on the disk, which leaders the node `followed`, for its next start.
 
         A node adopts the machines and names that its leaders vouch for. A machine that may lead itself, by
         `succession`, adopts only those of the leader that it follows, as another standby might only claim to
@@ -72,8 +76,7 @@ class Joining:
         self._now_ns = 0
         self._pins: dict[tuple[str, int], str] = {}
         """Pin that the leader at an address has proven."""
-        self._profiles = profiles
-        self._followed = profiles.read(node_key(time.name)).followed
+        self._followed, self._remember = dict(followed), remember
         """Addresses of each leader that was followed, by its key; both newest last."""
 
     def look(self, now_ns: int) -> None:
@@ -156,10 +159,14 @@ class Joining:
                 await asyncio.sleep(FIND_EVERY_S)
                 if await self._move(leader, known, _announced(known, browser.found)):
                     return
+        await self._keep(key, leader)
+
+    async def _keep(self, key: str, leader: Address) -> None:
+        """Remember that the leader with a key is at an address."""
         addresses = [other for other in self._followed.pop(key, ()) if other != leader]
         self._followed[key] = (*addresses[1 - MAX_ADDRESSES :], leader)
         self._followed = dict([*self._followed.items()][-MAX_LEADERS:])
-        await asyncio.to_thread(self._profiles.save, node_key(self._time.name), followed=dict(self._followed))
+        await asyncio.to_thread(self._remember, self._followed)
 
     def _key_at(self, leader: Address) -> str:
         """Return the key of the leader that was followed last at an address; empty for none."""
@@ -191,6 +198,7 @@ class Joining:
         self._log.say(f"the leader at {old} is now at {new}")
         self._choice.move_leader(old, new, self._now_ns)
         self._pump.turn()
+        await self._keep(key, new)
         return True
 
     async def _examine(self, keys: Collection[str], found: Sequence[FoundLeader], said: str) -> str:

@@ -10,6 +10,7 @@ from capture_app.common.text import Talk
 from capture_app.net.discovery import search_leaders
 from capture_app.net.reachability import find_obstacle
 from capture_app.node import enrolment
+from capture_app.node.camera.device_profiles import DeviceProfiles, node_key
 from capture_app.protocol.pairing_messages import FoundLeader
 from capture_app.rig.process import list_rigs
 from capture_app.trust.trust import Trust
@@ -48,6 +49,11 @@ async def find_leaders(report: Talk, followed: Mapping[str, Sequence[Address]] =
     return await search_leaders(
         lambda: (*(rig.address for rig in list_rigs()), own), report, followed=followed
     )
+
+
+def followed_leaders(node: str) -> Mapping[str, Sequence[Address]]:
+    """Return the addresses of each leader that a node followed, by the leader's key; both newest last."""
+    return DeviceProfiles().read(node_key(node)).followed
 
 
 async def needs_pairing(leader: Address) -> bool:

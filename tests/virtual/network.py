@@ -325,7 +325,7 @@ class VirtualBrowser:
     """Listener for the announcements in a virtual network."""
 
     def __init__(self, network: "Network") -> None:
-        self._network, self._machine = network, cast(Process, process.get()).machine
+        self._network, self._machine = network, getattr(process.get(), "machine", "")
 
     async def __aenter__(self) -> "VirtualBrowser":
         return self

@@ -66,8 +66,18 @@ def joining_of(
     say: Callable[[str], None],
     profiles: DeviceProfiles = NO_PROFILES,
 ) -> Joining:
+    key = node_key("cam")
     choice = LeaderChoice(tuple(leaders), client)
-    return Joining(choice, Mock(), Mock(), Trust.open(), Log(say), leaders, profiles=profiles)
+    return Joining(
+        choice,
+        Mock(),
+        Mock(),
+        Trust.open(),
+        Log(say),
+        leaders,
+        followed=profiles.read(key).followed,
+        remember=lambda followed: profiles.save(key, followed=followed),
+    )
 
 
 async def test_it_says_what_is_in_the_way_to_each_leader() -> None:
@@ -132,9 +142,10 @@ async def test_a_lost_leader_is_joined_where_its_key_is_announced(tmp_path: Path
         with announced(*leaders), patch.object(joining, "REFUSED_S", REFUSED_S / 100):
             found = joining_of(client, [old], said.append, profiles)
             watching = asyncio.create_task(found.watch())
-            await until(lambda: said)
+            await until(lambda: len(profiles.read(node_key("cam")).followed["7"]) == 2)
             watching.cancel()
     assert said == [f"the leader at {old} is now at {new}"]
+    assert profiles.read(node_key("cam")).followed == {"7": (old, new)}
     assert found._choice.leaders == (new,)
     assert found._choice.leader == new
 

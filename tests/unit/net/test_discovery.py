@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from unittest.mock import Mock, patch
+from unittest.mock import MagicMock, patch
 
 import pytest
 
@@ -115,7 +115,7 @@ async def test_of_several_leaders_the_one_followed_last_is_found_alone(is_open: 
             for key in places:
                 trust.known.add(key, Role.LEADER)
         leaders = [FoundLeader(key, (place,), key=key) for key, place in places.items()]
-        browser = Mock(spec=discovery.LeaderBrowser, found=leaders)
+        browser = MagicMock(spec=discovery.LeaderBrowser, found=leaders)
         browser.__aenter__.return_value = browser
 
         async def found(**followed: tuple[Address, ...]) -> list[str]:

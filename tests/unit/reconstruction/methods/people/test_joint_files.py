@@ -128,5 +128,5 @@ def test_two_files_of_one_camera_are_refused(tmp_path: Path, dataset: Dataset) -
 def test_more_frames_than_the_session_has_are_refused(tmp_path: Path, dataset: Dataset) -> None:
     for camera in CAMERAS:
         openpose(tmp_path / camera, frames=9)
-    with pytest.raises(BadInputError, match="has 9 frames, but cam00 has 5"):
+    with pytest.raises(BadInputError, match="has 9 frames, numbered 0 to 8, but the session has 5 images"):
         read_keypoints(tmp_path, dataset, CAMERAS)

@@ -60,7 +60,7 @@ def test_compare_says_how_far_delayed_joints_are(tmp_path: Path, reconstruct: Re
 def test_nobody_is_refused(tmp_path: Path, reconstruct: Reconstruct, monkeypatch: pytest.MonkeyPatch) -> None:
     nobody = np.zeros((0, 33, 2)), np.zeros((0, 33))
     monkeypatch.setattr(BlazePose, "__init__", lambda detector, model: None)
-    monkeypatch.setattr(BlazePose, "detect", lambda detector, image: nobody)
+    monkeypatch.setattr(BlazePose, "detect", lambda detector, image, at_s: nobody)
     said = refusal(reconstruct, tmp_path / "out", JUMPER, code=ExitCode.BAD_INPUT)
     assert "nobody is seen by cam00 or cam01" in said
 

@@ -136,10 +136,14 @@ def _labels_in(folder: Path, cameras: Sequence[str]) -> tuple[dict[str, Path], d
             raise BadInputError(f"{others[0]} and {path} are both of the camera {camera}", hint=HINT)
         others.append(path)
     of_all = own.pop("", [])
-    labels = {camera: _read(paths) for camera, paths in own.items()}
+    labels = dict[str, Labels]()
+    for camera, of in own.items():
+        if not isinstance(one := _read(of), Labels):
+            raise BadInputError(f"{of[0]} has no joints of one camera in a format that is known", hint=HINT)
+        labels[camera] = one
     paths = {camera: of[0].parent if len(of) > 1 else of[0] for camera, of in own.items()}
     for path in of_all if len(own) < 2 else ():
-        if isinstance(each := _read([path]), Labels):
+        if (each := _read([path])) is None or isinstance(each, Labels):
             continue
         if len(each) != len(cameras):
             raise BadInputError(f"{path} has {len(each)} cameras, not {', '.join(cameras)}", hint=HINT)
@@ -150,7 +154,7 @@ def _labels_in(folder: Path, cameras: Sequence[str]) -> tuple[dict[str, Path], d
         raise BadInputError(
             f"{folder} ({listed}) has joints of {len(paths)} of the cameras {', '.join(cameras)}", hint=HINT
         )
-    return paths, {camera: one for camera, one in labels.items() if isinstance(one, Labels)}
+    return paths, labels
 
 
 def _named(text: str, cameras: Sequence[str]) -> str:
@@ -158,16 +162,12 @@ def _named(text: str, cameras: Sequence[str]) -> str:
     return max(found, key=len, default="")
 
 
-def _read(paths: Sequence[Path]) -> Labels | Sequence[Labels]:
+def _read(paths: Sequence[Path]) -> Labels | Sequence[Labels] | None:
     """Return what the first reader that knows the files finds: one camera's labels, or all cameras'."""
-    what = f"{paths[0]} has no joints of a kind that is known"
-    for reader in load_readers().values():
-        if paths[0].suffix.lower() not in reader.suffixes:
-            continue
-        with rejecting(what, ValueError, LookupError, TypeError, AttributeError, *_BROKEN):
-            if (labels := reader.read(paths)) is None:
-                continue
-            if not all(one.pixels.size for one in ([labels] if isinstance(labels, Labels) else labels)):
-                raise ValueError("it is empty")
-            return labels
-    raise BadInputError(what, hint=HINT)
+    with rejecting(f"{paths[0]} is broken", ValueError, LookupError, TypeError, AttributeError, *_BROKEN):
+        for reader in load_readers().values():
+            if paths[0].suffix.lower() in reader.suffixes and (labels := reader.read(paths)) is not None:
+                if not all(one.pixels.size for one in ([labels] if isinstance(labels, Labels) else labels)):
+                    raise ValueError("it has no labels")
+                return labels
+    return None

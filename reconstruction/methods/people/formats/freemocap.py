@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from capture_app.session.files.untrusted_files import read_input
+from capture_app.session.files.untrusted_files import read_input, rejecting
 from reconstruction.methods.people.joint_formats import JointReader, Labels, bounded
 from reconstruction.methods.people.skeletons import SKELETONS, skeleton_of
 
@@ -21,8 +21,10 @@ def read(files: Sequence[Path]) -> list[Labels] | None:
     if "2dData" not in files[0].name:
         return None
     data = io.BytesIO(read_input(files[0]))
-    np.lib.format.read_magic(data)
-    shape, by_columns, kind = np.lib.format.read_array_header_1_0(data)
+    # What does not parse raises a dozen kinds. NumPy's own reader would allocate all that the header claims.
+    with rejecting(f"{files[0]} is not an array", Exception):
+        np.lib.format.read_magic(data)
+        shape, by_columns, kind = np.lib.format.read_array_header_1_0(data)
     array = np.frombuffer(data.read(), kind).reshape(bounded(*shape), order="F" if by_columns else "C")
     body = SKELETONS["blazepose"]
     skeleton = body if "mediapipe" in files[0].name else skeleton_of(array.shape[2])

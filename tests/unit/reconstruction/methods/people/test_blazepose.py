@@ -89,7 +89,7 @@ def watched() -> tuple[BlazePose, list[tuple[float, ...]]]:
     detector._followed, detector._last_s, detector._searched_s = [], -np.inf, -np.inf
     landmarks = np.ones((39, 3))
     landmarks[[33, 34], :2] = crop
-    detector._search = search  # type: ignore[method-assign]
+    detector._search = search  # type: ignore[method-assign, assignment]
     detector._look = lambda image, crop: (landmarks, 0.9)  # type: ignore[method-assign]
     return detector, parts
 

@@ -44,7 +44,7 @@ def read_keypoints(folder: Path, dataset: Dataset, cameras: Sequence[str], start
     """
     if not re.fullmatch(r"auto|session|-?\d{1,9}", start):
         raise BadInputError(f"--label-start {start} is not auto, session or a number", hint="example: 1")
-    files, labels = _labels_in(folder, cameras)
+    files, labels = _labels_in(folder, [camera for camera in cameras if dataset.instants(camera)])
     skeleton = next(iter(labels.values())).skeleton
     found = dict[str, dict[int, FrameJoints]]()
     for camera, one in labels.items():
@@ -79,7 +79,8 @@ def _images_of(dataset: Dataset, camera: str, start: str) -> _Images:
         return _Images(film, record.source_frames, of_film=True)
     # Substitutes are images, too, though they count for no instant.
     own = sorted(image.instant for image in dataset.session.manifest.images if image.camera == camera)
-    return _Images({k: own.index(image.instant) for k, image in images.items()}, len(own), of_film=False)
+    places = {instant: place for place, instant in enumerate(own)}
+    return _Images({k: places[image.instant] for k, image in images.items()}, len(own), of_film=False)
 
 
 def _rows_of(where: str, labelled: Sequence[int], images: _Images, start: str) -> dict[int, int]:

@@ -118,6 +118,8 @@ class CameraRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     """Intervals in which a clock was wrong before that was noticed; its images' errors include them."""
     moves: Annotated[tuple[PhaseMove, ...], Meta(max_length=MAX_MOVES)] = ()
     """Moves of its stream within a recording."""
+    source_frames: Count | None = None
+    """Number of frames in the film or folder from which it was imported; images number them from 0."""
 
     def __post_init__(self) -> None:
         """Raise ValueError for a camera without pixels."""
@@ -218,6 +220,7 @@ class ImageRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
     gain: Real | None = None
     white_balance: tuple[Real, Real] | None = None
     sequence: Count | None = None
+    """Number of the frame: the driver's, or of an imported camera its place in the film or folder, from 0."""
     outlier_ns: TimeNs = 0
     """Correction of an outlier: the driver's timestamp minus the time on the line of its stream; mostly 0."""
     alignment_offset_ns: TimeNs = 0

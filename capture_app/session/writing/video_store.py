@@ -167,7 +167,7 @@ class VideoStore:
                 if instant not in waiting and not self.has(camera, instant):
                     waiting |= {instant} - {NO_INSTANT}
                     new.append(frame)
-            if parts[-1].end + sum(len(frame.data) for frame in new) > MAX_PART_BYTES:
+            if parts[-1].end > max(0, MAX_PART_BYTES - sum(len(frame.data) for frame in new)):
                 self._begin_part(camera, parts[-1].number + 1)
             try:
                 _append(parts[-1], new)

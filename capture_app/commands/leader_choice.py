@@ -145,28 +145,40 @@ def _show_phone_code(invited: "PhoneInvited", as_json: bool) -> None:
     talk(f"  {invited.fingerprint}")
 
 
-def leaders_to_join(named: tuple[Address, ...], pin: str | None, code: str | None) -> tuple[Address, ...]:
+def leaders_to_join(
+    named: tuple[Address, ...], pin: str | None, code: str | None, node: str = ""
+) -> tuple[Address, ...]:
     """Return the named leaders, or the leaders of the rig found in the network; pair with them.
 
-    Raises what `find_leader` and `make_known` raise.
+    Of several that are found, it is the one that `node` followed last. Raises what `find_leader` and
+    `make_known` raise.
     """
     if named:
         make_known(named, pin, code)
         return named
-    leader = find_leader()
+    leader = find_leader(node)
     make_known(leader.addresses[:1], pin, code)
     return leader.among or leader.addresses[:1]
 
 
-def find_leader() -> "FoundLeader":
+def find_leader(node: str = "") -> "FoundLeader":
     """Wait until a leader of this machine or its network answers; ask at the terminal which of several.
 
-    Raises NetworkError if there are several and no terminal to ask at.
+    Without a terminal it waits for the one that `node` followed last. Raises NetworkError if there are
+    several, and it followed none.
     """
     log_line("looking for a leader in this network")
-    from capture_app.rig.membership import find_leaders
+    from capture_app.rig.membership import find_leaders, followed_leaders
 
-    leader = choose_leader(run_until_stopped(find_leaders(log_line)), can_ask=sys.stdin.isatty())
+    followed, can_ask, said = followed_leaders(node), sys.stdin.isatty(), ""
+    while True:
+        found = run_until_stopped(find_leaders(log_line, followed))
+        if len(found) == 1 or can_ask or not followed:
+            break
+        if not said:
+            said = "several leaders are in this network, but not the one that this node followed"
+            log_line(f"{said}: waiting for it; choose another with --leader HOST:PORT")
+    leader = choose_leader(found, can_ask=can_ask)
     log_line(f"found a leader at {leader.addresses[0]} ({leader.name})")
     return leader
 

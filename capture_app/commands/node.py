@@ -111,7 +111,7 @@ def node(
         _arrange_boot(name, at_boot, yes)
         return
     clock = parse_clock(clock_text, node=name)
-    leaders = leaders_to_join(leaders, pin, code)
+    leaders = leaders_to_join(leaders, pin, code, next(iter(named)))
     from capture_app.protocol.log import Log
 
     ring = {} if ring_mb is None else {"ring_bytes": round(ring_mb * 1e6)}

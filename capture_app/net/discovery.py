@@ -7,7 +7,7 @@ import asyncio
 import contextlib
 import secrets
 import socket
-from collections.abc import AsyncIterator, Callable, Sequence
+from collections.abc import AsyncIterator, Callable, Mapping, Sequence
 from contextlib import AbstractAsyncContextManager, AsyncExitStack, asynccontextmanager
 from typing import Literal
 
@@ -28,7 +28,7 @@ from capture_app.sync.wire.codec import VERSION
 from capture_app.trust.trust import Trust
 
 SERVICE = "_simulshot._udp.local."
-LOOK_EVERY_S = 5.0
+LOOK_EVERY_S = 2.0
 """Interval between checks of this machine's addresses: a network may come up later, or change."""
 GOODBYE_S = 1.0
 MAX_LABEL_LETTERS = 50
@@ -62,12 +62,14 @@ async def announced(
     name: str | None = None,
     trust: Trust | None = None,
     among: Sequence[Address] = (),
+    instance: int = 0,
 ) -> AsyncIterator[None]:
     """Announce a leader or relay on `host` and `port` while the block runs, as `name`, else as this machine.
 
-    Its pin comes from `trust`, by default its user's; nodes that know the pin prefer it. `among` are all
-    leaders of its rig, best first. A leader reachable only from this machine or only by IPv6 is not
-    announced. A network that prevents announcements causes no error.
+    Its pin comes from `trust`, by default its user's; nodes that know the pin prefer it. In an open rig, they
+    prefer the `instance` that they followed. `among` are all leaders of its rig, best first. A leader
+    reachable only from this machine or only by IPv6 is not announced. A network that prevents announcements
+    causes no error.
     """
     own = trust or Trust.of_user()
     name = name or name_like(socket.gethostname().split(".")[0], "simulshot")
@@ -80,7 +82,7 @@ async def announced(
             "version": __version__,
             "protocol": str(VERSION),
             "kind": kind,
-            "pin": "" if own.is_open else own.identity.pin,
+            "pin": str(instance) if own.is_open else own.identity.pin,
             "leaders": leaders if len(leaders) <= MAX_TXT_BYTES else "",
         },
         # A host name of its own, because the machine's mDNS daemon owns the machine's name.
@@ -192,7 +194,7 @@ class LeaderBrowser(AbstractAsyncContextManager["LeaderBrowser"]):
                     addresses=tuple(Address(host, port) for host in hosts if 0 < port < 65536),
                     version=_short(properties.get("version") or "?"),
                     is_relay=properties.get("kind") == "relay",
-                    pin=_short(properties.get("pin") or ""),
+                    key=_short(properties.get("pin") or ""),
                     among=tuple(
                         map(parse_address, filter(None, (properties.get("leaders") or "").split(",")))
                     ),
@@ -205,15 +207,20 @@ def _short(text: str) -> str:
 
 
 async def search_leaders(
-    own: Callable[[], Sequence[Address]], report: Callable[[str], None], *, trust: Trust | None = None
+    own: Callable[[], Sequence[Address]],
+    report: Callable[[str], None],
+    *,
+    trust: Trust | None = None,
+    followed: Mapping[str, Sequence[Address]] = {},
 ) -> list[FoundLeader]:
     """Wait until a leader answers, and return all that answer; relays only if no leader does.
 
-    A leader on this machine, at one of the addresses `own`, is returned alone. Otherwise, if `trust`
-    (default: this user's) knows some of those that answer, only these are returned. `report` gets a sentence
-    about what prevents a connection, whenever that changes.
+    A leader on this machine, at one of the addresses `own`, is returned alone. So is, of the others, the one
+    that was followed last: `followed` has the addresses of each, by its key. Otherwise, if `trust` (default:
+    this user's) knows some of those that answer, only these are returned. `report` gets a sentence about what
+    prevents a connection, whenever that changes.
     """
-    began_s, said = system.monotonic_s(), ""
+    began_s, said, trust = system.monotonic_s(), "", trust or Trust.of_user()
     async with LeaderBrowser() as browser:
         while True:
             asked_s = system.monotonic_s()
@@ -222,10 +229,16 @@ async def search_leaders(
                 return [FoundLeader("this machine", (mine,))]
             await asyncio.sleep(max(0.0, began_s + OTHERS_S - system.monotonic_s()))
             leaders = browser.found
-            answered = await _answering(leaders, trust or Trust.of_user())
+            answered = await _answering(leaders, trust)
             is_late = system.monotonic_s() - began_s >= SAY_S
-            # A relay, or an unknown leader, may merely have answered sooner.
-            if any(leader.is_known and not leader.is_relay for leader in answered) or (answered and is_late):
+            for key, addresses in reversed([*followed.items()]):
+                same = [leader for leader in answered if leader.is_known and leader.key == key]
+                # Of an open rig's leader that was started again, only the address is the same.
+                if same := same or [of for of in answered if trust.is_open and of.addresses[0] in addresses]:
+                    return [replace(same[0], key=key)]
+            # A relay, or another leader, may merely have answered sooner.
+            is_best = not followed and any(leader.is_known and not leader.is_relay for leader in answered)
+            if is_best or (answered and is_late):
                 known = [leader for leader in answered if leader.is_known] or answered
                 return [leader for leader in known if not leader.is_relay] or known
             if is_late:
@@ -248,7 +261,7 @@ async def _answering(found: Sequence[FoundLeader], trust: Trust) -> list[FoundLe
         replace(
             leader,
             addresses=(address,),
-            is_known=trust.is_open or trust.peer_of(leader.pin).may(Role.LEADER),
+            is_known=trust.is_open or trust.peer_of(leader.key).may(Role.LEADER),
             # Anyone can announce other leaders. They are followed only where each has to prove its key.
             among=() if trust.is_open else leader.among,
         )

@@ -129,6 +129,18 @@ async def first_to_answer(leaders: Sequence[Address], silence_s: float = PROBE_T
     return None
 
 
+async def proves_key(leader: Address, key: str, trust: Trust) -> bool:
+    """Return whether a leader answers at an address and proves its key; in an open rig none has to."""
+    if trust.is_open:
+        return await first_to_answer((leader,)) is not None
+    with contextlib.suppress(OSError, SimulshotError):
+        async with asyncio.timeout(PROBE_TIMEOUT_S):
+            _, writer, who = await open_identified(leader, trust, as_unknown=False)
+            writer.close()
+            return who.pin == key
+    return False
+
+
 def obstacle(leader: Address, by_udp: ProbeAnswer, by_tcp: ProbeAnswer, *, is_there: bool | None) -> Obstacle:
     """Return what prevents a connection when datagrams or streams fail.
 

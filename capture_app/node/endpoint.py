@@ -7,7 +7,7 @@ from collections.abc import Awaitable, Callable, Sequence
 from contextlib import AbstractAsyncContextManager
 from dataclasses import dataclass, field
 from socket import socket
-from typing import Self
+from typing import Any, Self
 
 from capture_app.common.address import DEFAULT_PORT, Address, own_machine_address, reachable_host
 from capture_app.common.clock import HostClock, NodeClock
@@ -19,9 +19,8 @@ from capture_app.node.enrolment import Enrolment
 from capture_app.node.joining import Joining
 from capture_app.protocol.log import Log
 from capture_app.protocol.messages import ToLeader
-from capture_app.sync.rig.failover import Failover
+from capture_app.sync.rig.failover import Failover, LeaderChoice
 from capture_app.sync.rig.leader_engine import Leader
-from capture_app.sync.rig.time_client import TimeClient
 from capture_app.sync.tree.relay_engine import Relay
 from capture_app.sync.tree.succession import Succession
 from capture_app.trust.datagram_keys import LeaderKeys
@@ -66,17 +65,16 @@ class Endpoint:
 
     def join(
         self,
-        time: TimeClient,
+        choice: LeaderChoice,
         keys: LeaderKeys,
         leaders: Sequence[Address] = (),
-        *,
-        is_relay: bool = False,
-        succession: Succession | None = None,
+        **options: Any,
     ) -> Joining:
-        """Join `leaders` with the membership `time`; the caller runs what is returned (`Joining.run`)."""
-        joining = Joining(
-            time, keys, self.pump, self._trust, self.log, leaders, is_relay=is_relay, succession=succession
-        )
+        """Join the leaders of a choice; the caller runs what is returned (`Joining.run`).
+
+        `leaders` are their addresses as given, `options` are those of `Joining`.
+        """
+        joining = Joining(choice, keys, self.pump, self._trust, self.log, leaders, **options)
         self._handlers = (joining.look, *self._handlers)
         return joining
 
@@ -109,6 +107,8 @@ class PortEndpoint(Endpoint):
         self.enrolment = Enrolment(options.trust, options.log, sealed)
         super().__init__(options, engine, sealed, self.enrolment.look, drain)
         self._host, self._bound = options.host, bound
+        self.instance = (engine.leader if isinstance(engine, Relay) else engine).config.instance
+        """Id of this run of the leader or relay, which distinguishes it from the next one."""
         family, port = bound[1].family, bound[1].getsockname()[1]
         self.address = Address(reachable_host(options.host, family), port)
         """Address for other machines."""
@@ -137,7 +137,7 @@ class PortEndpoint(Endpoint):
     ) -> AbstractAsyncContextManager[None]:
         """Announce this process on the network while the block runs; `among` are all leaders of its rig."""
         where = self._host, self.address.port, self._kind
-        return announced(*where, name=name, trust=self._trust, among=among)
+        return announced(*where, name=name, trust=self._trust, among=among, instance=self.instance)
 
     async def stop(self) -> None:
         """Say goodbye to all peers, and close the port."""

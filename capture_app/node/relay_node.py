@@ -65,7 +65,7 @@ class RelayNode(PortEndpoint):
         """Assemble the parts for a bound port; call `start` instead."""
         sealed = SealedRelay(engine)
         super().__init__(options, engine, sealed, bound, self._drain)
-        self._joining = self.join(engine.member.time, sealed.leader_keys, options.parents, is_relay=True)
+        self._joining = self.join(engine.member, sealed.leader_keys, options.parents, is_relay=True)
         self.options, self._engine = options, engine
         # The relay cannot know which of its networks its nodes are on.
         hosts = own_hosts(bound[1].family) if options.host in ANY_HOST else []
@@ -109,11 +109,6 @@ class RelayNode(PortEndpoint):
         """Sign off from the leader, send the nodes on to others, and close the port."""
         await end(*self._tasks)
         await super().stop()
-
-    @property
-    def instance(self) -> int:
-        """Id of this run of the relay, which distinguishes it from the next one."""
-        return self._engine.leader.config.instance
 
     def status(self, after: str = "") -> RigStatus:
         """Return the relay's own status: a page of its nodes, and the state of its time."""

@@ -24,8 +24,8 @@ class FoundLeader(Struct, frozen=True):
     version: str = ""
     """Version of its simulshot; empty for a leader of this machine."""
     is_relay: bool = False
-    pin: str = ""
-    """Announced pin, which its streams have to prove."""
+    key: str = ""
+    """Announced pin, which its streams have to prove; in an open rig, the instance number of its run."""
     is_known: bool = True
     """Whether this machine knows a leader with that pin, or does not authenticate machines."""
     among: tuple[Address, ...] = ()

@@ -1,5 +1,6 @@
 """Membership of this machine in a rig: finding leaders, and pairing with them."""
 
+from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager
 
 from capture_app.common.address import DEFAULT_PORT, Address
@@ -9,6 +10,7 @@ from capture_app.common.text import Talk
 from capture_app.net.discovery import search_leaders
 from capture_app.net.reachability import find_obstacle
 from capture_app.node import enrolment
+from capture_app.node.camera.device_profiles import DeviceProfiles, node_key
 from capture_app.protocol.pairing_messages import FoundLeader
 from capture_app.rig.process import list_rigs
 from capture_app.trust.trust import Trust
@@ -37,15 +39,21 @@ def own_machine() -> Trust:
     return trust
 
 
-async def find_leaders(report: Talk) -> list[FoundLeader]:
+async def find_leaders(report: Talk, followed: Mapping[str, Sequence[Address]] = {}) -> list[FoundLeader]:
     """Wait until leaders of this machine or its network answer, and return them.
 
-    If any of them is known, only known leaders are returned. `report` gets a sentence whenever something new
-    prevents a connection.
+    Of those that were `followed`, by their keys, the last one is returned alone; else, if any leader is
+    known, only known ones are. `report` gets a sentence whenever something new prevents a connection.
     """
+    own = Address("127.0.0.1", DEFAULT_PORT)
     return await search_leaders(
-        lambda: (*(rig.address for rig in list_rigs()), Address("127.0.0.1", DEFAULT_PORT)), report
+        lambda: (*(rig.address for rig in list_rigs()), own), report, followed=followed
     )
+
+
+def followed_leaders(node: str) -> Mapping[str, Sequence[Address]]:
+    """Return the addresses of each leader that a node followed, by the leader's key; both newest last."""
+    return DeviceProfiles().read(node_key(node)).followed
 
 
 async def needs_pairing(leader: Address) -> bool:

@@ -14,6 +14,8 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, cast
 
+from capture_app.node import joining
+from capture_app.protocol.pairing_messages import FoundLeader
 from tests.virtual.world import WALL_NS, KilledError, Process, process
 
 if TYPE_CHECKING:
@@ -319,6 +321,29 @@ class MemoryServer:
         return self._listening.is_open
 
 
+class VirtualBrowser:
+    """Listener for the announcements in a virtual network."""
+
+    def __init__(self, network: "Network") -> None:
+        self._network, self._machine = network, getattr(process.get(), "machine", "")
+
+    async def __aenter__(self) -> "VirtualBrowser":
+        return self
+
+    async def __aexit__(self, *_: object) -> None: ...
+
+    async def refresh(self) -> None:
+        """Listen; it always does."""
+
+    @property
+    def found(self) -> tuple[FoundLeader, ...]:
+        """The leaders whose announcements reach this machine."""
+        announced = self._network.announced()
+        return tuple(
+            of for name, of in announced.items() if not self._network.link(name, self._machine).is_cut
+        )
+
+
 class Network:
     """All machines' addresses, sockets and links."""
 
@@ -334,6 +359,8 @@ class Network:
         self._off: set[str] = set()
         self.shape: Callable[[str, str, Link], None] = lambda _, __, ___: None
         """Gives a new link its delays."""
+        self.announced: Callable[[], dict[str, FoundLeader]] = dict
+        """Returns the leaders that are announced, by machine."""
 
     def new_number(self) -> int:
         """Return the next file number."""
@@ -533,4 +560,5 @@ class Network:
             return self.getaddrinfo(host, port, type=kind)
 
         replaced(socket, socket=Socket, getaddrinfo=info)
+        replaced(joining, LeaderBrowser=lambda: VirtualBrowser(self))
         yield

@@ -31,6 +31,13 @@ def sync_data(handle: int) -> None:
     getattr(os, "fdatasync", os.fsync)(handle)
 
 
+def path_of(handle: int) -> Path:
+    """Return where an open folder lies now, or a path that does not exist."""
+    with suppress(OSError):
+        return Path(f"/proc/self/fd/{handle}").readlink()
+    return Path()
+
+
 def exchange(one: Path, other: Path) -> bool:
     """Swap two files or folders of one file system atomically; return False if the system cannot do it.
 

@@ -4,12 +4,15 @@ import fcntl
 import os
 import threading
 import time
+from contextlib import suppress
+from pathlib import Path
 
 from capture_app.common.system.lacking import *  # noqa: F403
 from capture_app.common.system.posix import *  # noqa: F403
 from capture_app.common.system.posix import half_of_memory, plain_move
 
 _F_FULLFSYNC = getattr(fcntl, "F_FULLFSYNC", 51)
+_F_GETPATH, _MAX_PATH = getattr(fcntl, "F_GETPATH", 50), 1024
 _LOOK_EVERY_S = 0.5
 
 
@@ -22,6 +25,13 @@ def sync_data(handle: int) -> None:
         fcntl.fcntl(handle, _F_FULLFSYNC)
     except OSError:
         os.fsync(handle)
+
+
+def path_of(handle: int) -> Path:
+    """Return where an open folder lies now, or a path that does not exist."""
+    with suppress(OSError):
+        return Path(os.fsdecode(fcntl.fcntl(handle, _F_GETPATH, bytes(_MAX_PATH)).rstrip(b"\0")))
+    return Path()
 
 
 machine_memory = half_of_memory

@@ -87,6 +87,11 @@ def open_folder(path: Path) -> int:
     return _open(path, 0x80000000, 3, _FOLDER, os.O_RDONLY)
 
 
+def path_of(handle: int) -> Path:
+    """Return a path that does not exist: nobody can rename a folder in which files are open."""
+    return Path()
+
+
 def _open(path: str | Path, access: int, how: int, attributes: int, flags: int) -> int:
     try:
         opened = _winapi.CreateFile(str(path), access, _SHARED, 0, how, attributes, 0)

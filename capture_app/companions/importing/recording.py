@@ -156,6 +156,7 @@ def _camera_records(
                 timestamp_source=TimestampSource.UNKNOWN,
                 phase_control=PhaseControl.NONE,
             ),
+            source_frames=len(source.numbers),
         )
         for source in sources
     ]

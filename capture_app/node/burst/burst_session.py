@@ -541,8 +541,8 @@ class BurstSession:
         """
         new_bytes = self.new_bytes() if new_bytes is None else new_bytes
         self._now_ns = now_ns
-        # On a full disk it is committed by a later report.
-        with suppress(DiskError):
+        # On a full disk, or in a folder that is being renamed, it is committed by a later report.
+        with suppress(DiskError, TryAgainError):
             await self._commit_instants()
         is_undecided = not self._choice.committed.is_set() and any(
             not (of.plan.reported or of.given_up) for of in self._deliveries.values()

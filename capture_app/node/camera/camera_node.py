@@ -22,7 +22,7 @@ from capture_app.common.errors import NetworkError, ungrouped_errors
 from capture_app.common.node_state import NodeState
 from capture_app.net.udp import client_socket
 from capture_app.node.camera.burst_upload import Upload
-from capture_app.node.camera.device_profiles import link_key, mode_key
+from capture_app.node.camera.device_profiles import link_key, mode_key, node_key
 from capture_app.node.camera.spool import Spool
 from capture_app.node.camera.supervisor import CameraSupervisor, NodeOptions
 from capture_app.node.camera.uploader import Uploader
@@ -92,7 +92,7 @@ class CameraNode:
     def _prepare(self, instance: int, peers: tuple[Address, ...]) -> None:
         """Make the engine of the run `instance`, for the leaders at `peers`, and connect all parts to it."""
         options, facts = self.options, self._camera.facts
-        profile = options.profiles.read(mode_key(facts))
+        profile, node = options.profiles.read(mode_key(facts)), node_key(options.name)
         self._samples: deque[ClockSample] = deque(maxlen=MAX_SAMPLES)
         """The latest exchanges with the leader."""
         self._stepped: TimesDoubted | None = None
@@ -119,7 +119,13 @@ class CameraNode:
         sealed = SealedClient(self._failover)
         self._refusals = sealed.refusals
         self._endpoint = Endpoint(options, self._failover, sealed, self._drain)
-        self._joining = self._endpoint.join(self._engine, sealed.leader_keys, options.leaders)
+        self._joining = self._endpoint.join(
+            self._failover,
+            sealed.leader_keys,
+            options.leaders,
+            followed=options.profiles.read(node).followed,
+            remember=lambda followed: options.profiles.save(node, followed=followed),
+        )
         self._camera.connect(self._engine, self._endpoint.pump)
         self._viewfinder = Viewfinder(
             options, instance, self._camera, self._engine, self._uploader, self._samples

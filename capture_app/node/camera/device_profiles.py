@@ -7,6 +7,7 @@ from typing import Any
 import msgspec
 from platformdirs import user_data_path
 
+from capture_app.common.address import Address
 from capture_app.common.camera_facts import CameraFacts, StampAccuracy
 from capture_app.common.text import UNREADABLE
 from capture_app.session.files.durable import write_atomic
@@ -19,7 +20,7 @@ FILE = "device-profiles.json"
 
 
 class DeviceProfile(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """What is known of a camera's mode, of one camera in a mode, or of the link to a leader."""
+    """What is known of a camera's mode, of one camera in a mode, of the link to a leader, or of a node."""
 
     injection: InjectionProfile | None = None
     """Effect of a long frame, in one mode of a kind of camera."""
@@ -29,6 +30,8 @@ class DeviceProfile(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=Tru
     """Measured delay of one camera's timestamps."""
     asymmetry: PathAsymmetry | None = msgspec.field(default=None, name="way")
     """Measured path asymmetry of a link."""
+    followed: dict[str, tuple[Address, ...]] = msgspec.field(default_factory=dict)
+    """Addresses of each leader that a node followed, by the leader's key; both newest last."""
 
     @property
     def usable_injection(self) -> InjectionProfile | None:
@@ -96,3 +99,8 @@ def camera_key(camera: str, facts: CameraFacts) -> str:
 def link_key(camera: str, leader: str) -> str:
     """Return the key of the profile of the link between a camera's node and the leader on that host."""
     return f"{camera}>{leader}"
+
+
+def node_key(name: str) -> str:
+    """Return the key of the profile of a node."""
+    return f"{name}>"

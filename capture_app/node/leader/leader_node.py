@@ -99,11 +99,6 @@ class LeaderNode(PortEndpoint):
             await self._storing
             await self._store_names()
 
-    @property
-    def instance(self) -> int:
-        """Id of this run of the leader, which distinguishes it from the next one."""
-        return self.engine.config.instance
-
     def status(self) -> RigStatus:
         """Return the current status of the whole rig."""
         return self._rig.status()

@@ -77,7 +77,7 @@ class RankedLeader(Endpoint):
         self._engine = engine = Succession(name, instance, others, rank, random.Random(secrets.randbits(64)))
         sealed = SealedClient(engine)
         super().__init__(options, engine, sealed, self._look)
-        self._joining = self.join(engine.member.time, sealed.leader_keys, succession=engine)
+        self._joining = self.join(engine.member, sealed.leader_keys, succession=engine)
         self._changed = asyncio.Event()
         self._serving: asyncio.Future[None] | None = None
         self._followed: tuple[str, int] | None = None

@@ -6,6 +6,7 @@ This module also computes a manifest's sync record, and checks the rules that ev
 from __future__ import annotations
 
 import inspect
+import re
 import stat
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -118,6 +119,8 @@ class CameraRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     """Intervals in which a clock was wrong before that was noticed; its images' errors include them."""
     moves: Annotated[tuple[PhaseMove, ...], Meta(max_length=MAX_MOVES)] = ()
     """Moves of its stream within a recording."""
+    source_frames: Count | None = None
+    """Number of frames in the film or folder from which it was imported; images number them from 0."""
 
     def __post_init__(self) -> None:
         """Raise ValueError for a camera without pixels."""
@@ -218,6 +221,7 @@ class ImageRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
     gain: Real | None = None
     white_balance: tuple[Real, Real] | None = None
     sequence: Count | None = None
+    """Number of the frame: the driver's, or of an imported camera its place in the film or folder, from 0."""
     outlier_ns: TimeNs = 0
     """Correction of an outlier: the driver's timestamp minus the time on the line of its stream; mostly 0."""
     alignment_offset_ns: TimeNs = 0
@@ -245,7 +249,7 @@ class FrameRecord(ImageRecord, frozen=True, kw_only=True, omit_defaults=True):
 
 
 class VideoRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """One camera's video: its frames as consecutive JPEG files (MJPEG).
+    """One camera's video, or a part of it: its frames as consecutive JPEG files (MJPEG).
 
     The file beside it has one line, a `FrameRecord`, for each frame.
     """
@@ -342,9 +346,15 @@ def check_image_path(record: ImageRecord) -> str:
     return suffix
 
 
-def video_path(camera: str) -> str:
-    """Return the path of a camera's video inside its session."""
-    return f"{VIDEOS}/{RIG}/{camera}.mjpeg"
+def video_path(camera: str, part: int = 0) -> str:
+    """Return the path of a part of a camera's video inside its session; no camera's name has a '+'."""
+    return f"{VIDEOS}/{RIG}/{camera}{f'+{part + 1}' if part else ''}.mjpeg"
+
+
+def video_of(name: str) -> tuple[str, int]:
+    """Return the camera of a video's file name, and the number of its part; see `video_path`."""
+    camera, _, part = re.sub(r"\.(mjpeg|frames\.ndjson)$", "", name).partition("+")
+    return camera, int(part) - 1 if part.isdecimal() else 0
 
 
 @dataclass(frozen=True, slots=True)

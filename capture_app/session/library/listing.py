@@ -143,7 +143,7 @@ def read_card(folder: Path) -> SessionCard:
     """Read the list entry of a session that has a manifest."""
     try:
         manifest = read_struct(folder / MANIFEST, Manifest, SCHEMA_VERSION)
-        files = {video.camera: video.path for video in manifest.videos if video.frames}
+        files = {video.camera: video.path for video in reversed(manifest.videos) if video.frames}
         files |= {image.camera: image.path for image in reversed(manifest.images)}
         names = tuple(camera.name for camera in manifest.cameras)
         first = tuple(inside(folder, files[name]) for name in names if name in files)

@@ -168,10 +168,11 @@ def cap_grade(grade: Grade, loss: float, missing: int, expected: int) -> Grade:
 
 def frames_lost(manifest: Manifest) -> dict[str, int]:
     """Return the number of ordered frames that each camera lacks; an absent one lacks all."""
-    images = Counter(image.camera for image in manifest.images)
-    images.update({video.camera: video.frames for video in manifest.videos if video.camera not in images})
+    images, frames = Counter(image.camera for image in manifest.images), Counter[str]()
+    for video in manifest.videos:
+        frames[video.camera] += video.frames
     cameras = [*(camera.name for camera in manifest.cameras), *(of.name for of in manifest.burst.absent)]
-    return {camera: manifest.ordered_instants - images[camera] for camera in cameras}
+    return {camera: manifest.ordered_instants - (images[camera] or frames[camera]) for camera in cameras}
 
 
 def find_sync_record(manifest: Manifest) -> SyncRecord:

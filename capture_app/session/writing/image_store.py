@@ -17,6 +17,7 @@ from capture_app.session.files.durable import (
     sync_all,
     write_atomic,
 )
+from capture_app.session.files.held_folder import HeldFolder
 from capture_app.session.files.untrusted_files import encode_checked, indented
 from capture_app.session.format.journal import (
     TIMES,
@@ -56,9 +57,9 @@ class StoredImage:
 class ImageStore:
     """Images of one session being written, with their ground truth; the writer serializes all calls."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, held: HeldFolder) -> None:
         """Find the images that an interrupted writer left, and open the journal. Raises OSError."""
-        self._folder = folder
+        self._held, folder = held, held.path
         self.records, self.damaged = recover_images(folder)
         """Records of all saved images by camera and instant, and the saved images that are now damaged."""
         self.is_crash_safe = False
@@ -71,8 +72,12 @@ class ImageStore:
         self._unsynced: dict[Key, tuple[ImageRecord, bytes, list[Path]]] = {}
         """Images that are written but not safe yet, each with its journal line and the paths to be synced."""
         self._new_folders: frozenset[Path] = frozenset()
-        """Folders with new entries that are not synced yet."""
+        """Folders with new entries that are not synced yet, relative to the session."""
         self._journal = AppendOnlyFile(folder / JOURNAL)
+
+    @property
+    def _folder(self) -> Path:
+        return self._held.path
 
     def append(self, images: Iterable[StoredImage]) -> None:
         """Write images and their ground truth, all or none; they are in the session after the next `sync`.
@@ -101,7 +106,7 @@ class ImageStore:
         self._unsynced = {}
         try:
             paths = [path for *_, written in begun.values() for path in written]
-            for error in sync_all((*paths, *self._new_folders)).values():
+            for error in sync_all((*paths, *map(self._folder.joinpath, self._new_folders))).values():
                 raise error
             self._new_folders = frozenset()
             self._journal.append(*(line for _, line, _ in begun.values()), durable=True)
@@ -172,7 +177,8 @@ class ImageStore:
         return changed
 
     def _make(self, folder: Path) -> None:
-        self._new_folders |= set(make_folders_unsynced(folder, self._folder))
+        inside = self._folder
+        self._new_folders |= {new.relative_to(inside) for new in make_folders_unsynced(folder, inside)}
 
     def _delete(self, begun: Mapping[Key, tuple[ImageRecord, bytes, list[Path]]]) -> None:
         for record, _, _ in begun.values():

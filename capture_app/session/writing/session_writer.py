@@ -24,7 +24,7 @@ from capture_app.session.files.durable import (
     sync_folder,
     write_atomic,
 )
-from capture_app.session.files.locks import lock_folder
+from capture_app.session.files.held_folder import HeldFolder
 from capture_app.session.files.untrusted_files import encode_checked, indented
 from capture_app.session.format.burst_plan import PLAN, BurstPlan, read_plan
 from capture_app.session.format.calibration import Calibration
@@ -42,7 +42,7 @@ from capture_app.session.format.manifest import (
     image_path,
     sync_record,
 )
-from capture_app.session.reading.checksums import write_checksums
+from capture_app.session.reading.checksums import changed_files, write_checksums
 from capture_app.session.reading.reader import INCOMING, Session
 from capture_app.session.writing.image_store import ImageStore, StoredImage
 from capture_app.session.writing.instant_set import InstantSet
@@ -99,14 +99,14 @@ class SessionWriter:
     """Writer of one session. Methods may be called from any thread; each blocks on the disk."""
 
     def __init__(self, folder: Path, name: str, created: str = "", software: str = "") -> None:
-        self.folder, self.name = folder, name
+        self.name = name
         self.created = created or datetime.now(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
         self.software = software or f"simulshot {__version__}"
         self._mutex = threading.RLock()
         self.plan: BurstPlan | None = None
         """The burst's plan, from `set_plan` or from the interrupted session."""
         self._open = True
-        self._lock = lock_folder(folder)
+        self._held = HeldFolder(folder)
         try:
             with disk_errors(folder):
                 self._recover()
@@ -115,7 +115,7 @@ class SessionWriter:
                 for parent, _, _ in os.walk(folder):
                     sync_folder(Path(parent))
         except SimulshotError:
-            os.close(self._lock)
+            self._held.close()
             raise
 
     @classmethod
@@ -149,6 +149,11 @@ class SessionWriter:
             with disk_errors(folder):
                 make_folders(folder / INCOMING, folder)
         return writer
+
+    @property
+    def folder(self) -> Path:
+        """The session's folder, which a person may have renamed or moved meanwhile."""
+        return self._held.path
 
     def set_plan(self, plan: BurstPlan) -> None:
         """Save the plan of the burst durably; from then on the session can be resumed after a crash.
@@ -321,10 +326,15 @@ class SessionWriter:
             if plan is not None and plan != self.plan:
                 # There is room for it now: the reserved space is free.
                 write_atomic(self.folder / PLAN, indented(encode_checked(plan)))
-            changed = (*self.images.write_truth(), self.folder / EVENTS, write_checksums(self.folder, data))
-            for error in sync_all((*changed, self.folder)).values():
-                raise error
-            write_atomic(self.folder / MANIFEST, data)
+            if not self._is_on_disk(data):
+                changed = (
+                    *self.images.write_truth(),
+                    self.folder / EVENTS,
+                    write_checksums(self.folder, data),
+                )
+                for error in sync_all((*changed, self.folder)).values():
+                    raise error
+                write_atomic(self.folder / MANIFEST, data)
             shutil.rmtree(self.folder / INCOMING, ignore_errors=True)
             self._close()
         return Session.open(self.folder)
@@ -348,11 +358,16 @@ class SessionWriter:
                 self._close()
                 shutil.rmtree(self.folder)
 
+    def _is_on_disk(self, manifest: bytes) -> bool:
+        """Return whether a session that was opened again has not changed since it was finished."""
+        path = self.folder / MANIFEST
+        return path.is_file() and path.read_bytes() == manifest and not any(changed_files(self.folder))
+
     def _recover(self) -> None:
         plan = read_plan(self.folder) if (self.folder / PLAN).exists() else None
-        self.images = ImageStore(self.folder)
+        self.images = ImageStore(self._held)
         """Images stored as separate files, and the ground truth of all images."""
-        self.videos = VideoStore(self.folder)
+        self.videos = VideoStore(self._held)
         """Videos of a recording, which contain its frames."""
         if plan is not None:
             self._know_plan(plan)
@@ -369,7 +384,7 @@ class SessionWriter:
     def _writing(self) -> Iterator[None]:
         with self._mutex:
             self._check_open()
-            with disk_errors(self.folder):
+            with self._held.writing():
                 yield
 
     def _check_open(self) -> None:
@@ -382,4 +397,4 @@ class SessionWriter:
         # All saved images are synced already: an error here loses none.
         self.images.close()
         self._events.close()
-        os.close(self._lock)
+        self._held.close()

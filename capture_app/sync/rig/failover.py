@@ -71,6 +71,15 @@ class LeaderChoice:
             self.time.hellos = 1
             self._found_by_probes = False
 
+    def move_leader(self, old: Address, new: Address, now_ns: int) -> None:
+        """Join a leader at its new address; whatever has the old one is left."""
+        self.leaders = tuple(dict.fromkeys(new if leader == old else leader for leader in self.leaders))
+        self._needed.setdefault(new, MIN_ANSWERS)
+        if self.time.is_member:
+            self.time.lose("another leader has its address", now_ns)
+        self.update(now_ns)
+        self.leader, self.time.hellos = new, 0
+
     def change_to(self, leader: Address, now_ns: int) -> None:
         """Follow another leader, which was chosen by probes."""
         self.leader, self._found_by_probes = leader, True

@@ -3,6 +3,7 @@
 Decoding after the models' cards: https://developers.google.com/mediapipe/solutions/vision/pose_landmarker.
 """
 
+import math
 from collections.abc import Sequence
 from typing import Any, ClassVar, NamedTuple
 
@@ -30,8 +31,10 @@ REACH = 3
 """Cells around a landmark's own whose heat moves it."""
 SAME_RADII = 0.5
 """Distance of hips, in radii of the circle around a person, within which two are the same person."""
-DETECT_EVERY = 8
-"""Frames after which new people are searched for beside those that are followed."""
+DETECT_EVERY_S = 0.25
+"""Time after which new people are searched for beside those that are followed."""
+MAX_PAUSE_S = 0.5
+"""Time between two frames after which those of the first are not followed into the second."""
 MAX_PEOPLE = 24
 
 
@@ -87,14 +90,19 @@ class BlazePose:
 
     def __init__(self, model: str) -> None:
         self._detector, self._landmarks = map(_Model, find_weights(model))
-        self._followed, self._frame = list[Crop](), 0
+        self._followed, self._last_s, self._searched_s = list[Crop](), -np.inf, -np.inf
 
-    def detect(self, image: Array) -> tuple[Array, Array]:
-        """Return the people in the next frame (BGR): pixels (n, 33, 2) and confidences (n, 33)."""
-        crops, self._followed = self._followed, []
-        if self._frame % DETECT_EVERY == 0 or not crops:
-            crops = _distinct([*crops, *self._search(image)])[:MAX_PEOPLE]
-        self._frame += 1
+    def detect(self, image: Array, at_s: float) -> tuple[Array, Array]:
+        """Return the people in the next frame (BGR), at a time: pixels (n, 33, 2) and confidences (n, 33)."""
+        crops = self._followed if at_s - self._last_s <= MAX_PAUSE_S else []
+        self._followed, self._last_s = [], at_s
+        if is_due := at_s - self._searched_s >= DETECT_EVERY_S:
+            self._searched_s = at_s
+        if is_due or not crops:
+            # In a square of a part, people are larger.
+            places = [(0, 0, *image.shape[1::-1]), *(_squares(*image.shape[1::-1]) if is_due else ())]
+            crops += [crop for place in places for crop in self._search(image, *place)]
+            crops = _distinct(crops)[:MAX_PEOPLE]
         people = list[Array]()
         for crop in crops:
             landmarks, presence = self._look(image, crop)
@@ -105,9 +113,9 @@ class BlazePose:
         found = np.array(people).reshape(-1, CENTRE, 3)
         return found[..., :2], found[..., 2]
 
-    def _search(self, image: Array) -> list[Crop]:
-        """Return crops around the people of a whole image, the most certain first, each several times."""
-        height, width = image.shape[:2]
+    def _search(self, image: Array, left: int, top: int, width: int, height: int) -> list[Crop]:
+        """Return crops around the people in a part of an image, most certain first, each several times."""
+        corner, image = (left, top), image[top : top + height, left : left + width]
         side = max(height, width)
         top, left = (side - height) // 2, (side - width) // 2
         borders = top, side - height - top, left, side - width - left
@@ -123,7 +131,7 @@ class BlazePose:
         outputs = self._detector(square[..., ::-1] / 127.5 - 1)
         scores = outputs[len(anchors)].ravel()
         points = outputs[12 * len(anchors)].reshape(-1, 6, 2)[:, [HIP, TOP]] / DETECTOR_PX + anchors[:, None]
-        pixels = points * side - (left, top) - 0.5
+        pixels = points * side - (left, top) - 0.5 + corner
         certain = scores > np.log(MIN_SCORE / (1 - MIN_SCORE))
         return [Crop(*pixels[place]) for place in np.argsort(-scores) if certain[place]]
 
@@ -138,6 +146,16 @@ class BlazePose:
         # The model counts from the crop's corner, not from the middle of its first pixel.
         pixels = (_refined(landmarks[:, :2], heat) - 0.5) @ warp[:, :2].T + warp[:, 2]
         return np.column_stack([pixels, _probability(landmarks[:, 3])]), float(outputs[1].ravel()[0])
+
+
+def _squares(width: int, height: int) -> list[tuple[int, int, int, int]]:
+    """Return squares (left, top, side, side) along an image's longer side that overlap by half or more."""
+    side, longer = min(width, height), max(width, height)
+    steps = (
+        np.linspace(0, longer - side, math.ceil(2 * (longer - side) / side) + 1).round().astype(int).tolist()
+    )
+    places = [(step, 0) if width > height else (0, step) for step in steps]
+    return [(*place, side, side) for place in places] if longer > side else []
 
 
 def _distinct(crops: Sequence[Crop]) -> list[Crop]:

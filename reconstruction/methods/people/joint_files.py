@@ -1,57 +1,50 @@
-"""Joints in images that other programs found: OpenPose's JSON, DeepLabCut's CSV and H5, SLEAP's analysis H5.
+"""Joints in images that other programs found, paired with a session's images by the frames' numbers.
 
-Each file, or folder of JSON files, is one camera's, and names it. Formats after
-https://cmu-perceptual-computing-lab.github.io/openpose (output), DeepLabCut's `analyze_videos` and
-`sleap.io.convert`.
+Each file, or folder of JSON files, is one camera's, and names it; or a file has all cameras. A label belongs
+to the image of its frame in the film or folder that was imported, wherever that image is in the session.
 """
 
 import csv
-import io
-import json
-import math
 import pickle
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from capture_app.common.errors import BadInputError
-from capture_app.common.optional_packages import load_optional
-from capture_app.session.files.untrusted_files import check_pickle, read_input, read_text, rejecting, within
-from reconstruction.common.geometry import Array
+from capture_app.session.files.untrusted_files import rejecting
+from reconstruction.methods.people.joint_formats import Labels, load_readers
 from reconstruction.methods.people.keypoints import FrameJoints, Keypoints
-from reconstruction.methods.people.skeletons import SKELETONS, Skeleton
 from reconstruction.scene.dataset import Dataset
 
 HINT = "give a folder with a file or folder for each camera, named like it"
-MAX_FRAMES, MAX_NUMBERS = 1_000_000, 1 << 25
-"""Maximum number of frames of a camera, and of numbers of all its frames."""
-_BROKEN = StopIteration, EOFError, RecursionError, pickle.UnpicklingError
-_DLC_LEVELS = ("scorer", "individuals", "bodyparts", "coords")
+SESSION = "session"
+"""Value of `--label-start`: the session's own images were labelled."""
+_BROKEN = StopIteration, EOFError, RecursionError, csv.Error, pickle.UnpicklingError
 
 
-class Labels(NamedTuple):
-    """One camera's labels: pixels (frames, n, joints, 2), NaN = unseen, and confidences (frames, n, joints).
+class _Images(NamedTuple):
+    """A camera's images by instant, numbered by their places in its film, or, if captured, in the session."""
 
-    `names` are the individuals' if they are followed; else empty.
-    """
-
-    skeleton: Skeleton
-    pixels: Array
-    confidence: Array
-    names: tuple[str, ...] = ()
+    numbers: Mapping[int, int]
+    total: int | None
+    """Number of frames of the film, or of images; None if an earlier version imported the film."""
+    of_film: bool
 
 
-def read_keypoints(folder: Path, dataset: Dataset, cameras: Sequence[str]) -> Keypoints:
+def read_keypoints(folder: Path, dataset: Dataset, cameras: Sequence[str], start: str = "auto") -> Keypoints:
     """Read the joints of a session's cameras out of a folder.
 
+    `start` is the number of a film's first frame in the labels, `auto`, or `SESSION`.
+
     Raises:
-        BadInputError: a file is broken, fits no camera or two, or has more frames than its camera.
+        BadInputError: a file is broken, fits no camera or two, or its frames are not those of its camera.
     """
-    files = _pair(folder, cameras)
-    labels = {camera: _read(path) for camera, path in files.items()}
+    if not re.fullmatch(r"auto|session|-?\d{1,9}", start):
+        raise BadInputError(f"--label-start {start} is not auto, session or a number", hint="example: 1")
+    files, labels = _labels_in(folder, [camera for camera in cameras if dataset.instants(camera)])
     skeleton = next(iter(labels.values())).skeleton
     found = dict[str, dict[int, FrameJoints]]()
     for camera, one in labels.items():
@@ -60,150 +53,122 @@ def read_keypoints(folder: Path, dataset: Dataset, cameras: Sequence[str]) -> Ke
             raise BadInputError(
                 f"{files[camera]} and the other files differ in joints, such as {odd}", hint=HINT
             )
-        instants = dataset.instants(camera)
-        if len(one.pixels) > len(instants):
-            raise BadInputError(
-                f"{files[camera]} has {len(one.pixels)} frames, but {camera} has {len(instants)} here",
-                hint="import the whole recording, or give labels of the imported part",
-            )
         order = [one.skeleton.joints.index(joint) for joint in skeleton.joints]
         size, on_disk = np.array(dataset.size(camera)), np.array(dataset.size_on_disk(camera))
         pixels = (one.pixels[:, :, order] + 0.5) * (size / on_disk) - 0.5
         confidence = np.where(np.isfinite(pixels).all(axis=3), one.confidence[:, :, order].clip(0, 1), 0)
         there = np.asarray(confidence.any(axis=2))
+        rows = _rows_of(str(files[camera]), one.numbers, _images_of(dataset, camera, start), start)
         found[camera] = {
             instant: FrameJoints(
                 pixels[k, there[k]],
                 confidence[k, there[k]],
                 tuple(np.array(one.names)[there[k]].tolist()) if one.names else (),
             )
-            for k, instant in zip(range(len(pixels)), instants, strict=False)
+            for instant, k in rows.items()
         }
     paired = ", ".join(f"{camera}: {path.relative_to(folder)}" for camera, path in files.items())
     return Keypoints(skeleton, found, f"{folder} ({paired})")
 
 
-def _pair(folder: Path, cameras: Sequence[str]) -> dict[str, Path]:
-    """Return each camera's file of labels, or folder of JSON files: the one whose path names it.
+def _images_of(dataset: Dataset, camera: str, start: str) -> _Images:
+    record = dataset.session.camera(camera)
+    images = {k: dataset.record(camera, k) for k in dataset.instants(camera)}
+    film = {k: image.sequence for k, image in images.items() if image.sequence is not None}
+    if record.facts.kind == "imported" and start != SESSION and len(film) == len(images):
+        return _Images(film, record.source_frames, of_film=True)
+    # Substitutes are images, too, though they count for no instant.
+    own = sorted(image.instant for image in dataset.session.manifest.images if image.camera == camera)
+    places = {instant: place for place, instant in enumerate(own)}
+    return _Images({k: places[image.instant] for k, image in images.items()}, len(own), of_film=False)
 
-    Of several cameras that a path names it is that of the longest name.
+
+def _rows_of(where: str, labelled: Sequence[int], images: _Images, start: str) -> dict[int, int]:
+    """Return the row of the labels of each instant's image, by instant.
+
+    Raises:
+        BadInputError: the labels are of another film, or it is open of which of its frames they are.
+    """
+    numbers, own = np.array(labelled, np.int64), sorted(images.numbers.values())
+    low, high, end = int(numbers.min()), int(numbers.max()), images.total or own[-1] + 1
+    in_order = start == SESSION or (start == "auto" and not images.of_film and len(numbers) == end)
+    if in_order:
+        numbers = numbers.argsort().argsort()
+    else:
+        # No frame has the number of all frames if they are counted from 0.
+        numbers -= int(low > 0 and high == end) if start == "auto" else int(start)
+    rows = {number: row for row, number in enumerate(numbers.tolist())}
+    wrong = len(numbers) != end if in_order else bool(images.total) and max(rows) >= end
+    if start == "auto" and not in_order:
+        from_one = min(rows) == 1 and len(rows) == max(rows)
+        # Labels of a cut film, counted from 0, would fit other images of it.
+        cut = own != [*range(len(own))] if images.of_film else [*images.numbers] != own
+        wrong |= from_one or (cut and max(rows) < (own[-1] if images.of_film else end))
+    if wrong or min(rows) < 0 or len(rows) < len(numbers) or rows.keys().isdisjoint(own):
+        film = f"frames {own[0]} to {own[-1]} of the {end} of its film or folder"
+        raise BadInputError(
+            f"{where} has {len(numbers)} frames, numbered {low} to {high}, but the session has "
+            f"{film if images.of_film else f'{end} images of this camera'}",
+            hint="label the whole film that was imported; or say what was labelled: --label-start N if "
+            "the film's first frame has the number N, or --label-start session if all of the session's own "
+            "images were labelled",
+        )
+    return {k: rows[number] for k, number in images.numbers.items() if number in rows}
+
+
+def _labels_in(folder: Path, cameras: Sequence[str]) -> tuple[dict[str, Path], dict[str, Labels]]:
+    """Return each camera's file, or folder of JSON files, and its labels.
+
+    A camera's path names it: of several that it names, the one of the longest name. A folder of JSON files
+    comes before their own names.
     """
     if not folder.is_dir():
         raise BadInputError(f"{folder} is not a folder", hint=HINT)
-    files = [path for path in folder.rglob("*") if path.suffix.lower() in (".csv", ".h5", ".json")]
-    found = {path.parent if path.suffix.lower() == ".json" else path for path in files}
+    suffixes = {suffix for reader in load_readers().values() for suffix in reader.suffixes}
+    files = sorted(path for path in folder.rglob("*") if path.suffix.lower() in suffixes)
     # DeepLabCut writes the same labels as H5 and CSV.
-    sources = sorted(path for path in found if path.suffix != ".h5" or path.with_suffix(".csv") not in found)
-    paired = dict[str, Path]()
-    for path in sources:
-        text = str(path.relative_to(folder))
-        named = [one for one in cameras if re.search(rf"(?<![A-Za-z0-9]){re.escape(one)}(?!\d)", text, re.I)]
-        longest = max(named, key=len, default="")
-        if longest in paired:
-            raise BadInputError(f"{paired[longest]} and {path} are both of the camera {longest}", hint=HINT)
-        if longest:
-            paired[longest] = path
-    if len(paired) < 2:
-        listed = ", ".join(str(path.relative_to(folder)) for path in sources[:4]) or "no CSV, H5 or JSON"
+    files = [path for path in files if path.suffix != ".h5" or path.with_suffix(".csv") not in files]
+    own = dict[str, list[Path]]()
+    for path in files:
+        name, inside = path.relative_to(folder), path.suffix.lower() == ".json"
+        camera = (_named(str(name.parent), cameras) if inside else "") or _named(str(name), cameras)
+        others = own.setdefault(camera, [])
+        if camera and others and (not inside or others[0].parent != path.parent):
+            raise BadInputError(f"{others[0]} and {path} are both of the camera {camera}", hint=HINT)
+        others.append(path)
+    of_all = own.pop("", [])
+    labels = dict[str, Labels]()
+    for camera, of in own.items():
+        if not isinstance(one := _read(of), Labels):
+            raise BadInputError(f"{of[0]} has no joints of one camera in a format that is known", hint=HINT)
+        labels[camera] = one
+    paths = {camera: of[0].parent if len(of) > 1 else of[0] for camera, of in own.items()}
+    for path in of_all if len(own) < 2 else ():
+        if (each := _read([path])) is None or isinstance(each, Labels):
+            continue
+        if len(each) != len(cameras):
+            raise BadInputError(f"{path} has {len(each)} cameras, not {', '.join(cameras)}", hint=HINT)
+        labels = dict(zip(sorted(cameras), each, strict=True))
+        paths = dict.fromkeys(labels, path)
+    if len(paths) < 2:
+        listed = ", ".join(str(path.relative_to(folder)) for path in files[:4]) or "no file of a known kind"
         raise BadInputError(
-            f"{folder} ({listed}) has joints of {len(paired)} of the cameras {', '.join(cameras)}", hint=HINT
+            f"{folder} ({listed}) has joints of {len(paths)} of the cameras {', '.join(cameras)}", hint=HINT
         )
-    return paired
+    return paths, labels
 
 
-def _read(path: Path) -> Labels:
-    reader = {".h5": _read_h5, ".csv": _read_deeplabcut}.get(path.suffix.lower(), _read_openpose)
-    what = f"{path} has no joints of a kind that is known"
-    with rejecting(what, ValueError, LookupError, TypeError, AttributeError, *_BROKEN):
-        labels = reader(path)
-        if not labels.pixels.size:
-            raise ValueError("it is empty")
-    return labels
+def _named(text: str, cameras: Sequence[str]) -> str:
+    found = [one for one in cameras if re.search(rf"(?<![A-Za-z0-9]){re.escape(one)}(?!\d)", text, re.I)]
+    return max(found, key=len, default="")
 
 
-def _bounded(*shape: int) -> tuple[int, ...]:
-    """Return the shape of an array. Raises ValueError if the array has more than MAX_NUMBERS."""
-    within(math.prod(shape), MAX_NUMBERS, "numbers")
-    return shape
-
-
-def _read_openpose(folder: Path) -> Labels:
-    frames = dict[int, list[Array]]()
-    for path in folder.glob("*.json"):
-        people = [one["pose_keypoints_2d"] for one in json.loads(read_text(path))["people"]]
-        frames[int(re.findall(r"\d+", path.stem)[-1])] = [np.reshape(one, (-1, 3)) for one in people if one]
-    first = min(frames) if len(frames) == max(frames) else 0
-    joints = {len(one) for people in frames.values() for one in people}
-    if len(joints) > 1 or max(frames) >= MAX_FRAMES:
-        raise ValueError("its people have different numbers of joints")
-    number = sum(joints)
-    values = np.zeros(_bounded(max(frames) + 1 - first, max(map(len, frames.values())), number, 3))
-    for frame, people in frames.items():
-        values[frame - first, : len(people)] = np.reshape(people, (-1, number, 3))
-    known = {len(skeleton.joints): skeleton for skeleton in SKELETONS.values()}
-    skeleton = known.get(number) or Skeleton(tuple(f"joint{k}" for k in range(1, number + 1)), ())
-    return Labels(skeleton, np.where(values[..., 2:] > 0, values[..., :2], np.nan), values[..., 2])
-
-
-def _read_deeplabcut(path: Path) -> Labels:
-    rows = [row for row in csv.reader(io.StringIO(read_text(path))) if row]
-    levels = {row[0]: row for row in rows if row[0] in _DLC_LEVELS}
-    first = levels["coords"].index("x")
-    heads = [levels.get(level, [""] * len(rows[0]))[first:] for level in _DLC_LEVELS[1:]]
-    body = rows[len(levels) :]
-    frames = [int(re.findall(r"\d+", " ".join(row[:first]))[-1]) for row in body]
-    values = np.array([[value or "nan" for value in row[first:]] for row in body], float)
-    return _deeplabcut_labels([*zip(*heads, strict=True)], frames, values)
-
-
-def _deeplabcut_labels(columns: Sequence[Sequence[str]], frames: Sequence[int], values: Array) -> Labels:
-    """Return labels of columns (individual, joint, x|y|likelihood), by the frames of the rows."""
-    if max(frames) >= MAX_FRAMES:
-        raise ValueError(f"it has a frame {max(frames)}")
-    names, joints = (list(dict.fromkeys(column[level] for column in columns)) for level in (0, 1))
-    table = np.full(_bounded(max(frames) + 1, len(names), len(joints), 3), np.nan)
-    table[frames, :, :, 2] = 1.0
-    for (name, joint, coordinate), column in zip(columns, values.T, strict=True):
-        axis = ("x", "y", "likelihood").index(coordinate)
-        table[frames, names.index(name), joints.index(joint), axis] = column
-    return Labels(Skeleton(tuple(joints), ()), table[..., :2], np.nan_to_num(table[..., 2]), tuple(names))
-
-
-class _Plain(pickle.Unpickler):
-    """Unpickler of lists, tuples and texts; anything else could run code."""
-
-    def find_class(self, module: str, name: str) -> Any:
-        raise pickle.UnpicklingError(f"it names {module}.{name}")
-
-
-def _read_h5(path: Path) -> Labels:
-    h5py = load_optional("h5py", "people", "reading H5")
-    data = io.BytesIO(read_input(path))
-    with rejecting(f"{path} is not a readable H5 file", OSError), h5py.File(data, "r") as file:
-        if "tracks" in file and "node_names" in file:
-            return _sleap_labels(file)
-        table = next(group["table"] for group in file.values() if "table" in group)
-        _bounded(len(table), table.dtype.itemsize)
-        axes = bytes(file[table.parent.name].attrs["non_index_axes"])
-        check_pickle(axes)
-        (_, columns), *_ = _Plain(io.BytesIO(axes)).load()
-        named = [("", *column[1:])[-3:] if len(column) == 3 else tuple(column[1:]) for column in columns]
-        values = np.concatenate(
-            [table[name].reshape(len(table), -1) for name in table.dtype.names if name.startswith("values")],
-            axis=1,
-        )
-        return _deeplabcut_labels(named, table["index"].tolist(), values)
-
-
-def _sleap_labels(file: Any) -> Labels:
-    """Return the labels of SLEAP's analysis: tracks (tracks, 2, nodes, frames)."""
-    nodes = [name.decode() for name in file["node_names"][:]]
-    _bounded(*file["tracks"].shape)
-    tracks = file["tracks"][:].transpose(3, 0, 2, 1)
-    seen = np.isfinite(tracks).all(axis=3)
-    scores = file["point_scores"][:].transpose(2, 0, 1) if "point_scores" in file else np.ones(seen.shape)
-    # Points that a person has corrected have no score.
-    confidence = np.where(seen, np.where(np.nan_to_num(scores) > 0, scores, 1.0), 0)
-    bones = tuple((int(a), int(b)) for a, b in file["edge_inds"][:]) if "edge_inds" in file else ()
-    names = tuple(name.decode() for name in file["track_names"][:]) if len(file["track_names"]) else ("",)
-    return Labels(Skeleton(tuple(nodes), bones), tracks, confidence, names)
+def _read(paths: Sequence[Path]) -> Labels | Sequence[Labels] | None:
+    """Return what the first reader that knows the files finds: one camera's labels, or all cameras'."""
+    with rejecting(f"{paths[0]} is broken", ValueError, LookupError, TypeError, AttributeError, *_BROKEN):
+        for reader in load_readers().values():
+            if paths[0].suffix.lower() in reader.suffixes and (labels := reader.read(paths)) is not None:
+                if not all(one.pixels.size for one in ([labels] if isinstance(labels, Labels) else labels)):
+                    raise ValueError("it has no labels")
+                return labels
+    return None

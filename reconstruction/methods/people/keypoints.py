@@ -54,8 +54,8 @@ class Detector(Protocol):
     def __init__(self, model: str) -> None:
         """Load a model; raises NotAvailableError if something is not installed."""
 
-    def detect(self, image: Array) -> tuple[Array, Array]:
-        """Return the individuals of the camera's next frame (BGR uint8).
+    def detect(self, image: Array, at_s: float) -> tuple[Array, Array]:
+        """Return the individuals of the camera's next frame (BGR uint8), taken at a time in s.
 
         Pixels are (n, joints, 2), confidences (n, joints) from 0 to 1.
         """
@@ -86,7 +86,10 @@ def detect_people(
 
     def follow(camera: str) -> CameraJoints:
         detect = detectors[camera].detect
-        found = {k: FrameJoints(*detect(dataset.image(camera, k))) for k in dataset.instants(camera)}
+        found = {
+            k: FrameJoints(*detect(dataset.image(camera, k), dataset.record(camera, k).leader_ns / 1e9))
+            for k in dataset.instants(camera)
+        }
         progress.step(f"people in {len(found)} frames of {camera}")
         return found
 

@@ -1,16 +1,19 @@
-"""People in files of other programs: a tidy CSV, OpenSim's TRC and C3D; and a smoothed copy."""
+"""People in files: a tidy CSV, and the formats that are installed; and a smoothed copy."""
 
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
-from capture_app.common.optional_packages import load_optional
+from capture_app.common.errors import NotAvailableError
 from capture_app.session.files.durable import write_atomic
 from reconstruction.common.geometry import Array
+from reconstruction.methods.people.joint_formats import load_writers, rate_of
 from reconstruction.methods.people.people_run import Person
 from reconstruction.methods.people.skeletons import Skeleton
 
+SMOOTHED = "smoothed"
+"""Folder of the copies after a low pass."""
 MIN_RUN = 4
 """Fewest positions after each other that are smoothed."""
 COLUMNS = ("time_s", "person", "joint", "x", "y", "z", "error_95", "cameras", "reprojection_px")
@@ -30,53 +33,38 @@ def write_table(path: Path, times_s: Array, skeleton: Skeleton, people: Sequence
     write_atomic(path, ("\n".join(lines) + "\n").encode())
 
 
-def rate_of(times_s: Array) -> float:
-    """Return the mean rate of times, Hz; 1 for a single one."""
-    return float((len(times_s) - 1) / (times_s[-1] - times_s[0])) if len(times_s) > 1 else 1.0
+def file_names() -> set[str]:
+    """Return the names of the files and folders that `write_formats` makes."""
+    return {name if writer.one_person else f"people.{name}" for name, writer in load_writers().items()}
 
 
-def write_trc(path: Path, times_s: Array, joints: Sequence[str], positions: Array, unit: str) -> None:
-    """Write positions (times, joints, 3) with y up as OpenSim's TRC; gaps are empty."""
-    rate, number = f"{rate_of(times_s):.6g}", len(times_s)
-    columns = [f"{axis}{joint}" for joint in range(1, len(joints) + 1) for axis in "XYZ"]
-    lines = [
-        f"PathFileType\t4\t(X/Y/Z)\t{path.name}",
-        "DataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\tOrigDataRate\tOrigDataStartFrame\tOrigNumFrames",
-        f"{rate}\t{rate}\t{number}\t{len(joints)}\t{unit}\t{rate}\t1\t{number}",
-        "Frame#\tTime\t" + "\t\t\t".join(joints) + "\t\t",
-        "\t\t" + "\t".join(columns),
-        "",
-    ]
-    for row, (at_s, place) in enumerate(zip(times_s, positions.reshape(number, -1), strict=True), 1):
-        values = ["" if np.isnan(value) else f"{value:.6f}" for value in place]
-        lines.append("\t".join([f"{row}", f"{at_s:.6f}", *values]))
-    write_atomic(path, ("\n".join(lines) + "\n").encode())
+def write_formats(
+    folder: Path,
+    times_s: Array,
+    skeleton: Skeleton,
+    people: Sequence[Array],
+    unit: str,
+    smooth_hz: float | None,
+) -> list[str]:
+    """Write people's positions, y up, in all formats, and with a low pass into `SMOOTHED`.
 
-
-def write_c3d(path: Path, times_s: Array, joints: Sequence[str], positions: Array, unit: str) -> None:
-    """Write positions (times, joints, 3) with y up as C3D; a gap's residual is -1.
-
-    C3D stores residuals as whole numbers of its unit, so that errors are in the table alone.
-
-    Raises:
-        NotAvailableError: ezc3d is not installed.
+    Return a sentence for each format that is left out, as a package is missing.
     """
-    ezc3d = load_optional("ezc3d", "people", "C3D")
-    known = np.isfinite(positions[..., 0])
-    file = ezc3d.c3d()
-    points = np.ones((4, len(joints), len(times_s)))
-    points[:3] = positions.transpose(2, 1, 0)
-    file["data"]["points"] = points
-    file["data"]["meta_points"]["residuals"] = np.where(known, 0, -1).T[None]
-    for name, value in (
-        ("RATE", [rate_of(times_s)]),
-        ("LABELS", tuple(joints)),
-        ("UNITS", [unit]),
-        ("X_SCREEN", ["+X"]),
-        ("Y_SCREEN", ["+Y"]),
-    ):
-        file.add_parameter("POINT", name, value)
-    file.write(str(path))
+    left_out = list[str]()
+    low = [smoothed(one, rate_of(times_s), smooth_hz) for one in people] if smooth_hz else []
+    for name, writer in load_writers().items():
+        try:
+            writer.require()
+        except NotAvailableError as error:
+            left_out.append(f"left out: {error.what}; {error.hint}")
+            continue
+        for place, positions in ((folder / name, people), (folder / SMOOTHED, low)):
+            for number, one in enumerate(positions if writer.one_person else (), 1):
+                place.mkdir(exist_ok=True)
+                writer.write(place / f"person{number}.{name}", times_s, skeleton, [one], unit)
+        if not writer.one_person:
+            writer.write(folder / f"people.{name}", times_s, skeleton, people, unit)
+    return left_out
 
 
 def smoothed(positions: Array, rate_hz: float, cutoff_hz: float) -> Array:

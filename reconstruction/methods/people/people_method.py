@@ -35,16 +35,15 @@ class PeopleMethod(PeopleOptions, frozen=True, kw_only=True):
     def output_folder(self, out: Path) -> "OutputFolder":
         """Return the folder that replaces earlier people; see `Method.output_folder`."""
         from capture_app.session.files.output_folder import OutputFolder, replaces_only
-        from reconstruction.methods.people.people_result import OURS
+        from reconstruction.methods.people.people_result import own_names
 
-        return OutputFolder(out, replaces_only(OURS | {self.result_file}))
+        return OutputFolder(out, replaces_only(own_names() | {self.result_file}))
 
     def require(self) -> None:
-        """Refuse to begin without the packages that the files need; see `Method.require`."""
-        from capture_app.common.optional_packages import load_optional
-
-        load_optional("ezc3d", "people", "people in 3D")
+        """Refuse to begin without the package that films need; see `Method.require`."""
         if self.film:
+            from capture_app.common.optional_packages import load_optional
+
             load_optional("av", "export", "a film as MP4")
 
     def save(self, scene: "Scene", condition: Condition, output: "OutputFolder") -> "PeopleResult":

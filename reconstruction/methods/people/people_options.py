@@ -33,11 +33,22 @@ class PeopleOptions(Method, frozen=True, kw_only=True):
         command_flag(
             "--keypoints",
             metavar="FOLDER",
-            help="Use joints that another program found: OpenPose's JSON, DeepLabCut's CSV or H5, SLEAP's "
-            "analysis H5; a file or folder for each camera.",
+            help="Use joints that another program found: OpenPose's, COCO's or MMPose's JSON, DeepLabCut's "
+            "CSV or H5, SLEAP's analysis H5; a file or folder for each camera; or FreeMoCap's 2D array.",
         ),
         flag("--keypoints", metavar="FOLDER", help="Compare joints of people that another program found."),
     ] = None
+    label_start: Annotated[
+        str,
+        command_flag(
+            "--label-start",
+            metavar="auto|N|session",
+            help="Number that --keypoints gives to the first frame of the imported film or folder, such as "
+            "0, 1 or 100. session: the session's own images were labelled, in their order.",
+        ),
+        flag("--label-start", metavar="auto|N|session", help="First frame's number in --keypoints."),
+    ] = "auto"
+    """`auto` = 0, or 1 where the last number shows it; what is open is refused."""
     rate: Annotated[
         float | None,
         command_flag(

@@ -10,15 +10,14 @@ from capture_app.common.errors import BadInputError
 from capture_app.common.text import count
 from reconstruction.common.geometry import Array
 from reconstruction.common.outputs import Made
+from reconstruction.methods.people.joint_formats import rate_of
 from reconstruction.methods.people.people_files import (
     COLUMNS,
-    rate_of,
-    smoothed,
-    write_c3d,
+    SMOOTHED,
+    file_names,
+    write_formats,
     write_table,
-    write_trc,
 )
-from reconstruction.methods.people.people_gltf import write_gltf
 from reconstruction.methods.people.people_options import PeopleOptions
 from reconstruction.methods.people.people_page import write_people_page
 from reconstruction.methods.people.people_pictures import write_films, write_pictures, write_plots
@@ -35,10 +34,12 @@ from reconstruction.scene.conditions import Condition
 from reconstruction.scene.provenance import Provenance
 from reconstruction.scene.scene import Scene
 
-TABLE, TRC, C3D, GLTF, SMOOTHED, PICTURES, FILMS, PLOTS = (
-    "people.csv", "trc", "c3d", "people.gltf", "smoothed", "pictures", "films", "plots",
-)  # fmt: skip
-OURS = {TABLE, TRC, C3D, GLTF, SMOOTHED, PICTURES, FILMS, PLOTS, PAGE}
+TABLE, PICTURES, FILMS, PLOTS = "people.csv", "pictures", "films", "plots"
+
+
+def own_names() -> set[str]:
+    """Return the names of the result's files and folders."""
+    return {TABLE, SMOOTHED, PICTURES, FILMS, PLOTS, PAGE} | file_names()
 
 
 class PersonResult(msgspec.Struct, frozen=True, kw_only=True):
@@ -126,7 +127,7 @@ def save_people(scene: Scene, condition: Condition, folder: Path, method: People
     found = people_at(scene, finder, condition, method)
     method.progress.step(f"{count(len(found.people), 'individual')} at {len(found.times_s)} times")
     rotation = up_axes(scene, method.up)
-    _write(folder, scene, found, rotation, method)
+    formats_left_out = _write(folder, scene, found, rotation, method)
     left_out = _left_out(finder)
     return PeopleResult(
         session=scene.dataset.name,
@@ -143,30 +144,25 @@ def save_people(scene: Scene, condition: Condition, folder: Path, method: People
         moved_px=round(found.moved_px, 3),
         people=tuple(_summary(k, person, found.times_s) for k, person in enumerate(found.people, 1)),
         left_out=left_out,
-        remarks=_remarks(finder),
+        remarks=(*_remarks(finder), *formats_left_out),
     )
 
 
-def _write(folder: Path, scene: Scene, found: PeopleInTime, rotation: Array, options: PeopleOptions) -> None:
-    times_s, joints = found.times_s, found.skeleton.joints
+def _write(
+    folder: Path, scene: Scene, found: PeopleInTime, rotation: Array, options: PeopleOptions
+) -> list[str]:
+    """Write all files; return what was left out, in sentences."""
+    times_s = found.times_s
     write_table(folder / TABLE, times_s, found.skeleton, found.people)
     upright = [person.positions @ rotation.T for person in found.people]
-    for name in (TRC, C3D, *([SMOOTHED] if options.smooth else [])):
-        (folder / name).mkdir()
-    for number, positions in enumerate(upright, 1):
-        name = f"person{number}"
-        write_trc(folder / TRC / f"{name}.trc", times_s, joints, positions, scene.unit)
-        write_c3d(folder / C3D / f"{name}.c3d", times_s, joints, positions, scene.unit)
-        if options.smooth:
-            smooth = smoothed(positions, rate_of(times_s), options.smooth)
-            write_trc(folder / SMOOTHED / f"{name}.trc", times_s, joints, smooth, scene.unit)
-    write_gltf(folder / GLTF, times_s, found.skeleton, upright)
+    left_out = write_formats(folder, times_s, found.skeleton, upright, scene.unit, options.smooth)
     write_plots(folder / PLOTS, found, rotation[1], scene.unit)
     still = write_pictures(folder / PICTURES, scene.dataset, scene.views, found)
     write_people_page(folder, scene.dataset.name, found, scene.views, still)
     if options.film:
         options.progress.step("films")
         write_films(folder / FILMS, scene.dataset, scene.views, found)
+    return left_out
 
 
 def _summary(number: int, person: Person, times_s: Array) -> PersonResult:

@@ -37,7 +37,7 @@ def find_people(scene: Scene, method: PeopleOptions) -> tuple[PeopleFinder, Keyp
         NotApplicableError: fewer than two cameras are calibrated, or nobody is seen by two of them.
         SimulshotError: there are no joints, or no calibration.
     """
-    key = "people", method.keypoints, method.detector, method.model
+    key = "people", method.keypoints, method.label_start, method.detector, method.model
     return scene.once(key, lambda: _find_people(scene, method))
 
 
@@ -51,7 +51,7 @@ def _find_people(scene: Scene, method: PeopleOptions) -> tuple[PeopleFinder, Key
     if method.keypoints is None:
         keypoints = detect_people(dataset, cameras, method.detector, method.model, method.progress)
     else:
-        keypoints = read_keypoints(Path(method.keypoints), dataset, cameras)
+        keypoints = read_keypoints(Path(method.keypoints), dataset, cameras, method.label_start)
     frames = camera_frames(dataset, scene.views, keypoints)
     finder = PeopleFinder(frames, keypoints.skeleton, dataset.period_ns / 1e9, scene.scale_error)
     if not finder.people:

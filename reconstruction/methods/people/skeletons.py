@@ -22,3 +22,9 @@ SKELETONS = {
     for name, one in tomllib.loads(files(__package__).joinpath("skeletons.toml").read_text("utf-8")).items()
 }
 """The skeletons of `skeletons.toml` by name."""
+
+
+def skeleton_of(joints: int) -> Skeleton:
+    """Return the known skeleton of so many joints, or one of numbered joints without bones."""
+    known = {len(skeleton.joints): skeleton for skeleton in SKELETONS.values()}
+    return known.get(joints) or Skeleton(tuple(f"joint{k}" for k in range(1, joints + 1)), ())

@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from reconstruction.methods.people.people_files import write_c3d, write_trc
-from reconstruction.methods.people.people_gltf import write_gltf
+from reconstruction.methods.people.formats import c3d as c3d_format
+from reconstruction.methods.people.formats import gltf
+from reconstruction.methods.people.formats import trc as trc_format
 from reconstruction.methods.people.skeletons import SKELETONS
 
 pytestmark = pytest.mark.filterwarnings("ignore")  # of these programs, about what they import
@@ -22,7 +23,7 @@ KNOWN = np.isfinite(POSITIONS[..., 0])
 
 @pytest.fixture
 def trc(tmp_path: Path) -> Path:
-    write_trc(tmp_path / "person1.trc", TIMES_S, SKELETON.joints, POSITIONS, "m")
+    trc_format.write(tmp_path / "person1.trc", TIMES_S, SKELETON, [POSITIONS], "m")
     return tmp_path / "person1.trc"
 
 
@@ -49,7 +50,7 @@ def test_pose2sim_has_each_marker_at_each_time(trc: Path) -> None:
 
 def test_c3d_has_each_marker_and_gap(tmp_path: Path) -> None:
     c3d = pytest.importorskip("c3d", reason="c3d is not installed")
-    write_c3d(tmp_path / "one.c3d", TIMES_S, SKELETON.joints, POSITIONS, "m")
+    c3d_format.write(tmp_path / "one.c3d", TIMES_S, SKELETON, [POSITIONS], "m")
     with (tmp_path / "one.c3d").open("rb") as file:
         reader = c3d.Reader(file)
         assert [label.strip() for label in reader.point_labels] == [*SKELETON.joints]
@@ -61,7 +62,7 @@ def test_c3d_has_each_marker_and_gap(tmp_path: Path) -> None:
 
 def test_pygltflib_has_each_joint_in_motion(tmp_path: Path) -> None:
     pygltflib = pytest.importorskip("pygltflib", reason="pygltflib is not installed")
-    write_gltf(tmp_path / "people.gltf", TIMES_S, SKELETON, [POSITIONS, POSITIONS + 1])
+    gltf.write(tmp_path / "people.gltf", TIMES_S, SKELETON, [POSITIONS, POSITIONS + 1], "m")
     document = pygltflib.GLTF2().load(str(tmp_path / "people.gltf"))
     (motion,) = document.animations
     names = [document.nodes[channel.target.node].name for channel in motion.channels]

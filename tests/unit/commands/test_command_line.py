@@ -18,6 +18,7 @@ from capture_app.commands.node import node
 from capture_app.common.address import Address
 from capture_app.common.errors import ExitCode, NetworkError
 from capture_app.net.server import bind_port
+from capture_app.node.camera.device_profiles import DeviceProfiles, node_key
 from capture_app.protocol.pairing_messages import FoundLeader
 from capture_app.rig.process import recorded_rig
 from capture_app.sync.wire.codec import version_answer
@@ -207,11 +208,34 @@ def test_a_node_joins_all_leaders_of_the_rig_that_it_finds(monkeypatch: pytest.M
     first, second = Address("10.0.0.1", 47010), Address("10.0.0.2", 47010)
     found = FoundLeader("hall-47010", (second,), among=(first, second))
     introduced: list[Address] = []
-    monkeypatch.setattr(joining, "find_leader", lambda: found)
+    monkeypatch.setattr(joining, "find_leader", lambda _: found)
     monkeypatch.setattr(joining, "make_known", lambda leaders, pin, code: introduced.extend(leaders))
     assert leaders_to_join((), None, None) == (first, second)
     assert introduced == [second], "a person is asked for the code of no other"
     assert leaders_to_join((first,), None, None) == (first,)
+
+
+def test_a_service_waits_for_the_leader_that_its_node_followed(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path))
+    followed = FoundLeader("studio", (Address("10.0.0.1", 47010),), key="7")
+    others = [FoundLeader(name, (Address("10.0.0.2", 47010),), key=name) for name in ("8", "9")]
+    answers = [others, others, [followed]]
+
+    async def find(_: object, memory: dict[str, tuple[Address, ...]]) -> list[FoundLeader]:
+        assert memory == ({"7": followed.addresses} if name == "cam0" else {})
+        return answers.pop(0)
+
+    monkeypatch.setattr("capture_app.rig.membership.find_leaders", find)
+    monkeypatch.setattr("sys.stdin.isatty", lambda: False)
+    DeviceProfiles().save(node_key("cam0"), followed={"7": followed.addresses})
+    name = "cam0"
+    assert find_leader(name) is followed
+    assert capsys.readouterr().err.count("waiting for it; choose another with --leader") == 1
+    name, answers = "new", [others]
+    with pytest.raises(NetworkError, match="several leaders"):
+        find_leader(name)
 
 
 def test_of_several_leaders_the_user_names_one() -> None:

@@ -16,6 +16,7 @@ from capture_app.common.pairing_codes import Role
 from capture_app.net.udp import Pump, SinglePeerEngine, client_socket
 from capture_app.node.joining import Joining
 from capture_app.protocol.log import Log
+from capture_app.sync.rig.failover import LeaderChoice
 from capture_app.sync.rig.time_client import TimeClient
 from capture_app.sync.sync_engine import Engine
 from capture_app.sync.timekeeping.timekeeper import Timekeeper
@@ -46,13 +47,14 @@ async def sealed_node(
     """A node of a machine that goes by `trust`, until the block ends."""
     node = SealedNode(name, secrets.randbits(62) if instance is None else instance, camera)
     engine: Engine = SinglePeerEngine(node.time, leader)
+    choice = LeaderChoice((leader,), node.time)
     if standbys:
-        engine = member = TreeMember(name, node.instance, (leader, *standbys), Random(1))
-        node.time = member.time
+        engine = choice = TreeMember(name, node.instance, (leader, *standbys), Random(1))
+        node.time = choice.time
     node.sealed = SealedClient(engine)
     clock = HostClock()
     pump = Pump(node.sealed, clock, lambda: joining.look(clock.now_ns()))
-    joining = Joining(node.time, node.sealed.leader_keys, pump, trust, Log())
+    joining = Joining(choice, node.sealed.leader_keys, pump, trust, Log())
     asking = asyncio.create_task(joining.run())
     pump.start(client_socket(socket.AF_INET))
     try:

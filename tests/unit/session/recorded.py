@@ -9,9 +9,9 @@ from capture_app.session.writing.session_writer import SessionWriter
 from tests.unit.session.conftest import INSTANTS, camera_record, jpeg, local_from_leader
 
 
-def frame(camera: str, instant: int) -> StoredImage:
-    """A frame 4 us after its instant."""
-    data, leader_ns = jpeg(instant, 32, 24), INSTANTS[instant] + 4_000
+def frame(camera: str, instant: int, data: bytes = b"") -> StoredImage:
+    """A frame 4 us after its instant, of other data if given."""
+    data, leader_ns = data or jpeg(instant, 32, 24), INSTANTS[instant] + 4_000
     record = ImageRecord(
         camera=camera,
         instant=instant,

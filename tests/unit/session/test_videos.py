@@ -86,6 +86,27 @@ def test_what_is_wrong_with_a_video_is_noticed(
     assert any(says in str(problem) for problem in verify(Session.open(recording.folder)))
 
 
+def test_frames_that_overlap_in_their_video_are_noticed(recording: Session) -> None:
+    lines = [json.loads(line) for line in (recording.folder / LINES).read_bytes().splitlines()]
+    lines[1]["offset"] -= 1
+    (recording.folder / LINES).write_text("".join(json.dumps(line) + "\n" for line in lines))
+    told = [str(problem) for problem in verify(Session.open(recording.folder))]
+    assert f"{LINES}: frame 1 overlaps frame 0" in told
+    assert not any("overlaps frame 1" in line for line in told)
+
+
+@pytest.mark.parametrize(("broken", "is_noticed"), [(0, True), (1, False)])
+def test_one_frame_in_some_is_decoded_and_the_first_of_all(
+    tmp_path: Path, broken: int, is_noticed: bool
+) -> None:
+    """A broken encoder spoils all frames, and their checksums are of what it wrote."""
+    with SessionWriter.create(tmp_path, "broken") as writer:
+        save_frames(writer, frame("left", broken, jpeg(broken, 32, 24)[:-300]))
+        session = record(writer)
+    unreadable = [str(problem) for problem in verify(session) if problem.kind == "unreadable"]
+    assert bool(unreadable) is is_noticed
+
+
 def test_a_video_that_is_gone_is_one_thing_that_is_missing(
     recording: Session, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -63,6 +63,19 @@ def test_a_notice_that_nobody_could_have_written_is_no_reason_to_ask_for_a_key()
     assert node.sealed.leader_keys.missing == {LEADER}
 
 
+def test_a_notice_about_an_earlier_key_is_no_reason_to_ask_for_another() -> None:
+    """A leader's late notices would make a node ask again and again."""
+    rig = running("a")
+    node, keys = rig.nodes["a"], rig.nodes["a"].sealed.leader_keys
+    data = keys.seal(b"", LEADER)
+    assert data is not None
+    keys.hold(LEADER, rig.leader.keys.grant(node.principal))
+    assert keys.seal(b"", LEADER) is not None
+    first = data[:8] + (1).to_bytes(8, "big") + data[16:]
+    rig.deliver(unknown_key(first), LEADER, node.address)
+    assert not keys.missing
+
+
 def test_a_node_without_a_key_still_tells_and_hears_of_another_version() -> None:
     rig = SealedRig("a")
     question = version_question(b"12345678")

@@ -148,6 +148,16 @@ def test_an_unknown_key_is_told_in_fewer_bytes_and_only_for_what_was_sent() -> N
     assert why_refused(one, notice) is Refused.UNSEALED
 
 
+def test_a_notice_about_a_datagram_of_long_ago_is_not_believed() -> None:
+    one = client()
+    old = unknown_key(one.seal(b""))
+    for _ in range(WINDOW - 1):
+        one.seal(b"")
+    assert one.has_sent(old)
+    one.seal(b"")
+    assert not one.has_sent(old)
+
+
 def test_an_end_without_seals_takes_nothing_sealed() -> None:
     one = client()
     data = one.seal(encode(TimeRequest(1, 2, 3)))

@@ -2,7 +2,9 @@
 
 import asyncio
 import shutil
+from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import msgspec
@@ -12,14 +14,16 @@ from capture_app.common.errors import BadInputError, DiskFullError
 from capture_app.net.channel import Channel
 from capture_app.node.camera.burst_upload import encode_frame
 from capture_app.node.camera.spool import Spool, SpoolFolder, free_spool
-from capture_app.node.camera.uploader import MAX_WAITING_BURSTS, Uploader
+from capture_app.node.camera.uploader import MAX_IN_FLIGHT, MAX_WAITING_BURSTS, RETRY_S, Uploader
 from capture_app.protocol.log import Log
 from capture_app.protocol.messages import (
     CameraReport,
+    ImageBatch,
     Refusal,
     ReportAck,
     ToLeader,
 )
+from tests.unit.net.echoes import received_from
 from tests.unit.node.camera.uploading import (
     Picture,
     burst_upload,
@@ -254,3 +258,57 @@ async def test_only_the_leader_that_ordered_a_burst_cancels_it() -> None:
         uploader.cancel_burst(leader=2, burst=1)
         await got.wait()
     assert said == []
+
+
+@pytest.mark.parametrize(
+    ("not_yet", "pauses_s"),
+    [
+        (Refusal(what="the leader's disk is full", retry=True), (*RETRY_S, RETRY_S[-1])),
+        (ReportAck(undecided=True), (0.05, 0.1, 0.2, 0.4, 0.8, 0.8)),
+    ],
+    ids=["full", "undecided"],
+)
+async def test_a_leader_that_cannot_take_a_burst_yet_is_asked_with_growing_pauses(
+    not_yet: ReportAck | Refusal, pauses_s: Sequence[float]
+) -> None:
+    asked_s: list[float] = []
+
+    def answer(_: CameraReport) -> ReportAck | Refusal:
+        asked_s.append(asyncio.get_running_loop().time())
+        return not_yet
+
+    async def serve(channel: Channel[ToLeader]) -> None:
+        async for _ in images(channel, answer):
+            raise AssertionError("nothing is wanted")
+
+    async with uploading(serve, [], retry_s=RETRY_S) as uploader:
+        burst = burst_upload(Picture(b"0"))
+        # The report of a burst whose frame is encoded already does not change meanwhile.
+        burst.images |= {0: encode_frame(burst.report, burst.frames.popleft())[0]}
+        uploader.add_burst(burst)
+        await until(lambda: len(asked_s) > len(pauses_s))
+    waited_s = [after - before for before, after in pairwise(asked_s)]
+    assert waited_s[: len(pauses_s)] == pytest.approx(pauses_s, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("picture_bytes", "max_bytes", "sent"), [(1, 1 << 20, MAX_IN_FLIGHT), (30, 61, 3)], ids=["count", "bytes"]
+)
+async def test_images_on_their_way_are_within_their_bounds(
+    monkeypatch: pytest.MonkeyPatch, picture_bytes: int, max_bytes: int, sent: int
+) -> None:
+    monkeypatch.setattr("capture_app.node.camera.burst_upload.BATCH_BYTES", 1)
+    monkeypatch.setattr("capture_app.node.camera.uploader.MAX_BYTES_IN_FLIGHT", max_bytes)
+    came: list[ImageBatch] = []
+
+    async def serve(channel: Channel[ToLeader]) -> None:
+        while (received := await received_from(channel)) is not None:
+            if isinstance(received[0], ImageBatch):
+                came.append(received[0])
+            else:
+                await channel.send(ReportAck())
+
+    async with uploading(serve, []) as uploader:
+        uploader.add_burst(burst_upload(*(Picture(b"x" * picture_bytes) for _ in range(MAX_IN_FLIGHT + 2))))
+        await asyncio.sleep(5)
+    assert len(came) == sent

@@ -111,9 +111,11 @@ def receipts_of(stored: dict[int, bytes]) -> ReportAck:
 
 
 @asynccontextmanager
-async def uploading(serve: Serve, said: list[str], spool: Spool | None = None) -> AsyncIterator[Uploader]:
+async def uploading(
+    serve: Serve, said: list[str], spool: Spool | None = None, retry_s: Sequence[float] = (0.0,)
+) -> AsyncIterator[Uploader]:
     async with serving(serve, ToLeader) as leader:
-        uploader = Uploader("a", 1, Log(said.append), spool, retry_s=(0.0,))
+        uploader = Uploader("a", 1, Log(said.append), spool, retry_s=retry_s)
         uploader.load_spool()
         uploader.set_leader(leader, 1)
         task = asyncio.create_task(uploader.run())

@@ -60,7 +60,7 @@ def test_compare_says_how_far_delayed_joints_are(tmp_path: Path, reconstruct: Re
 def test_nobody_is_refused(tmp_path: Path, reconstruct: Reconstruct, monkeypatch: pytest.MonkeyPatch) -> None:
     nobody = np.zeros((0, 33, 2)), np.zeros((0, 33))
     monkeypatch.setattr(BlazePose, "__init__", lambda detector, model: None)
-    monkeypatch.setattr(BlazePose, "detect", lambda detector, image: nobody)
+    monkeypatch.setattr(BlazePose, "detect", lambda detector, image, at_s: nobody)
     said = refusal(reconstruct, tmp_path / "out", JUMPER, code=ExitCode.BAD_INPUT)
     assert "nobody is seen by cam00 or cam01" in said
 
@@ -74,11 +74,22 @@ def test_missing_weights_are_said_with_the_command_that_fetches_them(
     assert "-m reconstruction.methods.people.blazepose_weights full" in said
 
 
-@pytest.mark.parametrize("package", ["ai_edge_litert.interpreter", "ezc3d"])
-def test_a_missing_extra_is_said_with_its_name(
-    tmp_path: Path, reconstruct: Reconstruct, monkeypatch: pytest.MonkeyPatch, package: str
+def test_without_ezc3d_other_formats_are_written_and_c3d_is_named(
+    tmp_path: Path, reconstruct: Reconstruct, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setitem(sys.modules, package, None)
+    monkeypatch.setitem(sys.modules, "ezc3d", None)
+    labels, out = write_csv(tmp_path / "labels"), tmp_path / "out"
+    done = reconstruct("people", JUMPER, "--keypoints", labels, "--out", out)
+    assert done.code == 0, done.err
+    assert "left out: C3D needs ezc3d, which is not installed" in done.err
+    assert (out / "trc" / "person1.trc").is_file()
+    assert not (out / "c3d").exists()
+
+
+def test_a_missing_runtime_is_said_with_its_extra(
+    tmp_path: Path, reconstruct: Reconstruct, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "ai_edge_litert.interpreter", None)
     said = refusal(reconstruct, tmp_path / "out", JUMPER, code=ExitCode.NOT_AVAILABLE)
     assert "people" in said
 

@@ -8,8 +8,8 @@ import ezc3d
 import numpy as np
 import pytest
 
-from reconstruction.methods.people.people_files import smoothed, write_c3d, write_trc
-from reconstruction.methods.people.people_gltf import write_gltf
+from reconstruction.methods.people.formats import c3d, gltf, trc
+from reconstruction.methods.people.people_files import smoothed
 from reconstruction.methods.people.skeletons import Skeleton
 
 SKELETON = Skeleton(("hip", "knee", "toe"), ((0, 1),))
@@ -19,7 +19,7 @@ POSITIONS[2, 1] = np.nan
 
 
 def test_a_trc_has_its_rate_unit_and_gaps(tmp_path: Path) -> None:
-    write_trc(tmp_path / "one.trc", TIMES_S, SKELETON.joints, POSITIONS, "m")
+    trc.write(tmp_path / "one.trc", TIMES_S, SKELETON, [POSITIONS], "m")
     lines = (tmp_path / "one.trc").read_text().split("\n")
     assert lines[2].split("\t")[:5] == ["50", "50", "5", "3", "m"]
     assert lines[3].split("\t")[2::3][:3] == ["hip", "knee", "toe"]
@@ -30,7 +30,7 @@ def test_a_trc_has_its_rate_unit_and_gaps(tmp_path: Path) -> None:
 
 
 def test_a_c3d_has_positions_and_gaps(tmp_path: Path) -> None:
-    write_c3d(tmp_path / "one.c3d", TIMES_S, SKELETON.joints, POSITIONS, "m")
+    c3d.write(tmp_path / "one.c3d", TIMES_S, SKELETON, [POSITIONS], "m")
     read = ezc3d.c3d(str(tmp_path / "one.c3d"))
     parameters = read["parameters"]["POINT"]
     assert parameters["LABELS"]["value"] == list(SKELETON.joints)
@@ -45,7 +45,7 @@ def test_a_c3d_has_positions_and_gaps(tmp_path: Path) -> None:
 
 
 def test_a_gltf_moves_each_joint_along_its_positions(tmp_path: Path) -> None:
-    write_gltf(tmp_path / "one.gltf", TIMES_S, SKELETON, [POSITIONS])
+    gltf.write(tmp_path / "one.gltf", TIMES_S, SKELETON, [POSITIONS], "m")
     document = json.loads((tmp_path / "one.gltf").read_text())
     data = base64.b64decode(document["buffers"][0]["uri"].partition(",")[2])
     (animation,) = document["animations"]

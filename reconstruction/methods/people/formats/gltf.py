@@ -8,6 +8,7 @@ import numpy as np
 from capture_app.common.gltf import Gltf
 from capture_app.session.files.durable import write_atomic
 from reconstruction.common.geometry import Array
+from reconstruction.methods.people.joint_formats import JointWriter
 from reconstruction.methods.people.skeletons import Skeleton
 
 BONE_WIDTH = 0.1
@@ -20,7 +21,7 @@ TRIANGLES = SIDES[:, [0, 1, 2, 0, 2, 3]].ravel()
 """A box: its corners, the first four at its first joint, and their numbers around each side."""
 
 
-def write_gltf(path: Path, times_s: Array, skeleton: Skeleton, people: Sequence[Array]) -> None:
+def write(path: Path, times_s: Array, skeleton: Skeleton, people: Sequence[Array], unit: str) -> None:
     """Write people, positions (times, joints, 3) with y up, as a glTF 2.0 whose bones move.
 
     Each joint is a node; a person's mesh has a box a bone, whose ends move with its joints. A joint that is
@@ -73,3 +74,6 @@ def _add_person(
     skin = document.add("skins", joints=[*moved], inverseBindMatrices=still)
     mesh = document.add("meshes", primitives=[surface])
     return document.add("nodes", name=name, mesh=mesh, skin=skin), moved
+
+
+WRITER = JointWriter(write=write, one_person=False)

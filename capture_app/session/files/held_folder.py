@@ -1,0 +1,50 @@
+"""A folder as an open, locked handle: a person may rename or move it while it is written."""
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from capture_app.common import system
+from capture_app.common.errors import TryAgainError
+from capture_app.session.files.disk import disk_error
+from capture_app.session.files.locks import lock_folder
+
+
+class HeldFolder:
+    """A folder that this process writes, locked against others until `close`.
+
+    On Windows nobody can rename it meanwhile: files in it are open.
+    """
+
+    def __init__(self, path: Path) -> None:
+        """Lock the folder at a path. Raises TryAgainError if it is locked already, BadInputError, OSError."""
+        self._path, self._handle = path, lock_folder(path)
+        self._status = path.stat()
+
+    @property
+    def path(self) -> Path:
+        """The folder's path at present; once it is deleted, the last one."""
+        if not self._is_at(self._path) and self._is_at(moved := system.path_of(self._handle)):
+            self._path = moved
+        return self._path
+
+    @contextmanager
+    def writing(self) -> Iterator[None]:
+        """Raise DiskError when writing raises OSError; TryAgainError if the folder was renamed meanwhile."""
+        before = self.path
+        try:
+            yield
+        except OSError as error:
+            if self.path != before:
+                raise TryAgainError(f"{before} was renamed: it is {self.path} now") from error
+            raise disk_error(error, before) from error
+
+    def close(self) -> None:
+        """Release the lock; from then on the path is no longer followed."""
+        os.close(self._handle)
+
+    def _is_at(self, path: Path) -> bool:
+        with suppress(OSError):
+            return os.path.samestat(self._status, path.stat())
+        return False

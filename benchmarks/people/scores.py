@@ -74,7 +74,7 @@ def score(truth: Floats, visible: NDArray[np.bool_], people: Sequence[Person]) -
         somebody = [k for person in people if np.isfinite(person.error[k]).any()]
         there = np.isfinite(truth[:, k]).all(axis=2).any(axis=1)
         extra += len(somebody) - len(pairs)
-        present += int((there & np.any(visible[:, k], axis=1)).sum())
+        present += int((there & (visible[:, k].sum(axis=1) > 0)).sum())
         for row in np.flatnonzero(there).tolist():
             seen = visible[row, k] & np.isfinite(truth[row, k]).all(axis=1)
             if row not in pairs:

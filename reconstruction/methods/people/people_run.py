@@ -33,8 +33,8 @@ AROUND = 4
 NOISE_ROUNDS = 4
 MIN_RESIDUALS = 20
 """Number of positions from which on a joint has a noise of its own."""
-MIN_JOINTS, MIN_TIMES = 0.2, 3
-"""Fraction of joints that an individual needs at a time, and number of such times."""
+MIN_JOINTS = 0.2
+"""Fraction of joints that an individual needs at some time."""
 
 
 class CameraFrames(NamedTuple):
@@ -165,7 +165,7 @@ class PeopleFinder:
         return PeopleInTime(
             skeleton=self.skeleton,
             times_s=times_s,
-            people=[person for person in people if _is_somebody(person)],
+            people=[one for one in people if (np.isfinite(one.error).mean(axis=1) >= MIN_JOINTS).any()],
             noise_px=float(np.median(noise)),
             moved_ms=float(np.median(away)) * 1e3,
             moved_px=float(np.percentile(moved, 95)) if len(moved) else 0.0,
@@ -273,8 +273,3 @@ def _running_median(points: Array) -> Array:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)
         return np.asarray(np.nanmedian(windows, axis=3))
-
-
-def _is_somebody(person: Person) -> bool:
-    enough = np.isfinite(person.error).mean(axis=1) >= MIN_JOINTS
-    return bool(enough.sum() >= min(MIN_TIMES, len(enough)))

@@ -6,6 +6,7 @@ rays agree. After 4D association (Zhang et al. 2020) and mvpose (Dong et al. 201
 """
 
 import re
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import combinations
@@ -105,8 +106,11 @@ class PersonMatcher:
     def match(self, frame_s: Sequence[Array], period_s: float) -> list[Individual]:
         """Return the individuals, by the times (frames,) of each camera's frames, NaN = no frame."""
         steps = _steps(frame_s, period_s)
-        for self.step, frames in enumerate(steps):
-            self._step(frames, {camera: float(frame_s[camera][k]) for camera, k in frames.items()})
+        with warnings.catch_warnings():
+            # Means of what is unknown everywhere.
+            warnings.simplefilter("ignore", RuntimeWarning)
+            for self.step, frames in enumerate(steps):
+                self._step(frames, {camera: float(frame_s[camera][k]) for camera, k in frames.items()})
         begins_s = np.array([min(frame_s[camera][k] for camera, k in frames.items()) for frames in steps])
         take = np.cumsum(np.diff(begins_s, prepend=begins_s[:1]) > MAX_LOST_S)
         long = np.bincount(take)
@@ -133,12 +137,14 @@ class PersonMatcher:
         weak = [one for number, one in enumerate(self.active) if number not in sure]
         self._begin(seen, free, frames, weak, [self.active[n] for n in sure], now_s)
         for number, individual in enumerate(self.active[: len(points)]):
-            for camera, owned in taken.items():
-                if individual in weak and number in owned and free[camera].issuperset(owned[number]):
-                    if individual.seen_s < now_s:
-                        self._follow(individual, camera, seen[camera], owned[number][0], now_s)
-                        individual.places[camera, frames[camera]] = owned[number]
-                    free[camera] -= {*owned[number]}
+            for camera, owners in taken.items():
+                if (
+                    individual in weak
+                    and individual.seen_s < now_s
+                    and free[camera].issuperset(owners.get(number, [-1]))
+                ):
+                    self._follow(individual, camera, seen[camera], owners[number][0], now_s)
+                    individual.places[camera, frames[camera]] = owners[number]
 
     def _predicted(self, camera: int, seen: Detections, time_s: float) -> dict[int, list[int]]:
         """Return the detections of each active individual in a camera's frame, by number."""

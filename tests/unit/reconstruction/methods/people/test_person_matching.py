@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from benchmarks.people.figure import Floats, moving, ring, seen_by
+from benchmarks.people.figure import Floats, moving, pixels_of, ring, seen_by
 from benchmarks.people.scenes import draw
 from reconstruction.methods.people.keypoints import FrameJoints
 from reconstruction.methods.people.people_run import CameraFrames, PeopleFinder
@@ -22,7 +22,7 @@ def names_of(frames: dict[str, CameraFrames], exchanged_from: int) -> dict[str, 
         found = dict[int, FrameJoints]()
         for k, frame in one.joints.items():
             # Who is where is told by the truth.
-            truth = [one.view.project(motion(one.frame_s[k : k + 1])[0]) for motion in PAIR]
+            truth = [pixels_of(one.view, motion(one.frame_s[k : k + 1])[0]) for motion in PAIR]
             apart = [[np.abs(a - b).mean() for b in truth] for a in frame.pixels]
             order = [int(np.argmin(row)) ^ (camera == "cam1" and k >= exchanged_from) for row in apart]
             found[k] = FrameJoints(frame.pixels, frame.confidence, tuple("ab"[number] for number in order))
@@ -50,7 +50,8 @@ def test_no_more_people_than_pictures_allow_never_two_on_a_body_and_each_detecti
     for first in range(len(found)):
         for second in range(first):
             apart = np.linalg.norm(found[first].positions - found[second].positions, axis=2)
-            assert np.nanmedian(apart, axis=1)[np.isfinite(apart).any(axis=1)].min() > 0.15
+            both = np.isfinite(apart).any(axis=1)
+            assert np.nanmedian(apart[both], axis=1).min() > 0.15
     owners = [
         {int(np.argmin([np.nanmedian(distances(one.positions[k], truth[k])) for truth in scene.truth]))
          for k in range(len(scene.times_s)) if np.isfinite(one.error[k]).any()}
@@ -69,10 +70,8 @@ def test_names_that_are_exchanged_in_one_camera_are_cut_and_said() -> None:
     found = people.at(times).people
     assert len(found) == 2
     for person in found:
-        assert (
-            min(float(np.nanmax(np.median(errors_mm(person.positions, one, times), axis=1))) for one in PAIR)
-            < 40
-        )
+        errors = [errors_mm(person.positions, one, times) for one in PAIR]
+        assert min(float(np.median(one, axis=1).max()) for one in errors) < 40
     assert sorted(people.remarks) == [
         f"in cam1, {name} is another individual from instant 12 on: the name was cut there" for name in "ab"
     ]
@@ -93,6 +92,5 @@ def test_far_instants_are_matched_each_alone() -> None:
 
 
 def test_sides_are_told_by_names() -> None:
-    assert mirrored(["Nose", "LHip", "RHip", "left_eye", "right_eye", "tail_L", "tail_R", "Left"]).tolist() == [
-        0, 2, 1, 4, 3, 6, 5, 7,
-    ]  # fmt: skip
+    names = ["Nose", "LHip", "RHip", "left_eye", "right_eye", "tail_L", "tail_R", "Left"]
+    assert mirrored(names).tolist() == [0, 2, 1, 4, 3, 6, 5, 7]

@@ -15,7 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from capture_app.node.camera import burst_upload as rules
-from capture_app.node.camera.burst_upload import Upload, UploadInput, UploadState, encode_frame
+from capture_app.node.camera.burst_upload import UploadInput, UploadState, encode_frame
 from capture_app.protocol.messages import ImageUpload
 from tests.unit.node.camera.uploading import Picture, burst_upload, further
 
@@ -236,8 +236,22 @@ class Duty:
         return self.node.report.plan.instants
 
 
-STEPS = ("select", "select_late", "end", "encode", "damage", "ask", "told", "send", "answer", "break_off",
-         "fill", "save_other", "select", "select", "encode", "encode", "ask", "told", "send", "send", "answer")  # fmt: skip
+STEPS = (
+    *(
+        "select",
+        "select_late",
+        "end",
+        "encode",
+        "damage",
+        "ask",
+        "told",
+        "send",
+        "answer",
+        "break_off",
+        "fill",
+    ),
+    *("save_other", "select", "select", "encode", "encode", "ask", "told", "send", "send", "answer"),
+)
 """What happens is drawn from these; what makes a burst go on is there more often."""
 HISTORIES = st.lists(st.tuples(st.sampled_from(STEPS), st.integers(0, 5)), max_size=60)
 

@@ -134,7 +134,7 @@ async def test_repair_mends_a_film_that_has_an_instant_twice(tmp_path: Path, twi
         await bring(session, part(instant), IMAGE)
         if instant == twice:
             await asyncio.sleep(0)
-            video = session._writer.videos._videos["a"]
+            video = session._writer.videos._videos["a"][-1]
             copy = StoredImage(part(instant, data=OTHER).images[0].record, memoryview(OTHER))
             line = frame_line(copy.record, video.end, None)
             os.pwrite(video.handle, OTHER, video.end)

@@ -112,7 +112,7 @@ def _halted(motion: Motion, halt_s: float) -> Motion:
 def draw(
     kind: str, cameras: int, number: int, seed: int, *, late: float = 0.0, seconds: float = SECONDS
 ) -> SceneOfPeople:
-    """Draw the beginning of a scene of some people; every second camera's frames are `late` (frames) after the others'."""
+    """Draw the beginning of a scene; every second camera's frames are `late` (frames) after the others'."""
     rng = np.random.default_rng([KINDS.index(kind), cameras, number, seed])
     motions = people_of(kind, number, rng)
     views = ring(cameras, 180 if cameras < 5 else 300)
@@ -144,8 +144,8 @@ def draw(
         frames[f"cam{camera}"] = CameraFrames(view, own_s, 0.0, 0.0, found)
     truth, visible = list[Floats](), list[NDArray[np.bool_]]()
     for one, motion in enumerate(motions):
-        there = np.array([stays[one](float(at_s)) for at_s in times])
-        stints = np.cumsum(np.diff(there, prepend=False) & there) * there
+        stays_now = np.array([stays[one](float(at_s)) for at_s in times])
+        stints = np.cumsum(np.diff(stays_now, prepend=False) & stays_now) * stays_now
         for stint in range(1, stints.max() + 1):
             truth.append(np.where((stints == stint)[:, None, None], motion(times), np.nan))
             visible.append((shown[one] >= 2) & (stints == stint)[:, None])

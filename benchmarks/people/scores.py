@@ -72,7 +72,7 @@ def score(truth: Floats, visible: NDArray[np.bool_], people: Sequence[Person]) -
                     apart[row, column] = float(np.nanmedian(distances))
         pairs = dict(assign(apart, SAME_M))
         somebody = [k for person in people if np.isfinite(person.error[k]).any()]
-        there = np.isfinite(truth[:, k]).all(axis=2).any(axis=1)
+        there = np.any(np.isfinite(truth[:, k]), axis=(1, 2))
         extra += len(somebody) - len(pairs)
         present += int((there & (visible[:, k].sum(axis=1) > 0)).sum())
         for row in np.flatnonzero(there).tolist():

@@ -228,3 +228,21 @@ def test_batches_are_within_their_bounds_and_a_large_image_is_one_of_its_own() -
         [0, 1], [2, 3], [4], [5], [6], [7],
     ]  # fmt: skip
     assert [*map(len, batches(sized(*[1] * (MAX_BATCH_IMAGES + 1))))] == [MAX_BATCH_IMAGES, 1]
+
+
+def test_what_waits_in_memory_counts_with_the_frames_that_wait_to_be_encoded() -> None:
+    upload = burst_upload()
+    upload.streamed, upload.max_bytes = True, 3 * len(DATA[0])
+    upload.in_memory[0] = DATA[0]
+    upload.extend(further(*FRAMES[1:4], over=4))
+    assert [frame.instant for frame in upload.frames] == [1, 2]
+    assert [run.first for run in upload.missing_runs] == [3]
+
+
+@pytest.mark.parametrize("streamed", [False, True])
+def test_a_decision_ends_the_selection_of_a_burst_but_not_of_a_recording(streamed: bool) -> None:
+    told: list[bool] = []
+    upload = burst_upload()
+    upload.streamed, upload.on_commit = streamed, lambda: told.append(True)
+    sending(upload)
+    assert bool(told) is not streamed

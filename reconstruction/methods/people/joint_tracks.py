@@ -50,7 +50,7 @@ class PixelsAt(NamedTuple):
 
 
 def size_of(pixels: Array) -> Array:
-    """Return the diagonal (n,) of the box around joints (n, joints, 2), px; NaN where none is known."""
+    """Return the diagonal (n,) of the box around joints (n, joints, 2 or 3); NaN where none is known."""
     known = np.isfinite(pixels)
     sides = np.where(known, pixels, -np.inf).max(axis=1) - np.where(known, pixels, np.inf).min(axis=1)
     return np.where(known.any(axis=(1, 2)), np.linalg.norm(sides, axis=1), np.nan)

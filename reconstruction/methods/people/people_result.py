@@ -10,6 +10,7 @@ from capture_app.common.errors import BadInputError
 from capture_app.common.text import count
 from reconstruction.common.geometry import Array
 from reconstruction.common.outputs import Made
+from reconstruction.methods.people.detector_bias import detector_bias
 from reconstruction.methods.people.joint_formats import rate_of
 from reconstruction.methods.people.people_files import (
     COLUMNS,
@@ -51,7 +52,7 @@ class PersonResult(msgspec.Struct, frozen=True, kw_only=True):
     first_s: float
     last_s: float
     error: float
-    """Median 95 % error of a known joint, in the calibration's unit."""
+    """Median error of a known joint, in the calibration's unit: 95 %, where `bias_source` is known."""
     reprojection_px: float
     """Median over its joints of the root mean square distance in the images."""
     cameras: float
@@ -79,6 +80,8 @@ class PeopleResult(Provenance, frozen=True, kw_only=True):
     moved_px: float
     """95th percentile of how far joints moved in that time."""
     people: tuple[PersonResult, ...]
+    bias_source: str = ""
+    """On what the detector's bias was measured, which is in the errors; empty: it is in no error."""
     left_out: dict[str, str]
     remarks: tuple[str, ...] = ()
 
@@ -96,7 +99,10 @@ class MadePeople(Made[PeopleResult]):
         return np.stack([self._of(person, axis) for axis in "xyz"], axis=2)
 
     def errors(self, person: int = 1) -> Array:
-        """Return the 95 % errors (n, joints) of a person's positions; NaN = unknown."""
+        """Return the errors (n, joints) of a person's positions; NaN = unknown.
+
+        They hold the truth in 95 % of cases if `result.bias_source` is known, else the precision alone.
+        """
         return self._of(person, "error_95")
 
     def _of(self, person: int, column: str) -> Array:
@@ -143,6 +149,7 @@ def save_people(scene: Scene, condition: Condition, folder: Path, method: People
         moved_ms=round(found.moved_ms, 4),
         moved_px=round(found.moved_px, 3),
         people=tuple(_summary(k, person, found.times_s) for k, person in enumerate(found.people, 1)),
+        bias_source=detector_bias(found.skeleton)[1],
         left_out=left_out,
         remarks=(*_remarks(finder), *formats_left_out),
     )
@@ -180,10 +187,10 @@ def _summary(number: int, person: Person, times_s: Array) -> PersonResult:
 
 
 def _remarks(finder: PeopleFinder) -> tuple[str, ...]:
-    alone = (
-        finder.alone and f"left out, as no second camera confirms them: {count(finder.alone, 'detection')}"
-    )
-    return tuple(one for one in (alone, *finder.remarks) if one)
+    alone = f"left out, as no second camera confirms them: {count(finder.alone, 'detection')}"
+    unknown = "the errors are of precision alone: the bias of this detector was never measured"
+    remarks = (alone, finder.alone), *((one, 1) for one in finder.remarks), (unknown, not finder.bias.any())
+    return tuple(remark for remark, applies in remarks if applies)
 
 
 def _left_out(finder: PeopleFinder) -> dict[str, str]:

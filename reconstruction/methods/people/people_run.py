@@ -112,9 +112,12 @@ class PeopleFinder:
         skeleton: Skeleton,
         period_s: float,
         scale_error: float = 0.0,
+        bias: Array | None = None,
     ) -> None:
+        """Match who is who. `bias` (joints,) is the detector's: see `detector_bias`."""
         self.names, self.frames = tuple(cameras), tuple(cameras.values())
         self.skeleton, self.period_s, self.scale_error = skeleton, period_s, scale_error
+        self.bias = np.zeros(len(skeleton.joints)) if bias is None else bias
         views = [one.view for one in self.frames]
         self.projections = np.array(
             [view.matrix @ np.column_stack([view.rotation, view.translation]) for view in views]
@@ -231,6 +234,8 @@ class PeopleFinder:
         found = self._locate(seen, noise, np.where(lost, first, near))
         away = found.points - self.middle
         covariance = found.covariance + self.scale_error**2 * away[:, :, None] * away[:, None]
+        size = float(np.nanmedian(size_of(found.points.reshape(*shape, 3)))) if found.cameras.any() else 0.0
+        covariance += (np.tile(self.bias, shape[0]) * size)[:, None, None] ** 2 * np.eye(3)
         parts = radius_95(covariance), found.residual_px, found.cameras
         return Person(found.points.reshape(*shape, 3), *(part.reshape(shape) for part in parts))
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from capture_app.common.errors import NotApplicableError
 from reconstruction.common.geometry import Array
+from reconstruction.methods.people.detector_bias import detector_bias
 from reconstruction.methods.people.joint_files import read_keypoints
 from reconstruction.methods.people.keypoints import Keypoints, detect_people
 from reconstruction.methods.people.people_options import PeopleOptions
@@ -53,7 +54,8 @@ def _find_people(scene: Scene, method: PeopleOptions) -> tuple[PeopleFinder, Key
     else:
         keypoints = read_keypoints(Path(method.keypoints), dataset, cameras, method.label_start)
     frames = camera_frames(dataset, scene.views, keypoints)
-    finder = PeopleFinder(frames, keypoints.skeleton, dataset.period_ns / 1e9, scene.scale_error)
+    bias, _ = detector_bias(keypoints.skeleton)
+    finder = PeopleFinder(frames, keypoints.skeleton, dataset.period_ns / 1e9, scene.scale_error, bias)
     if not finder.people:
         seen = [finder.names[number] for number in sorted(finder.seen)]
         what = f"somebody is seen by {' and '.join(seen)}, but no two cameras see the same person"

@@ -18,6 +18,7 @@ import numpy as np
 from reconstruction.common.geometry import Array
 from reconstruction.methods.people.assignment import assign
 from reconstruction.methods.people.joint_positions import locate
+from reconstruction.methods.people.joint_tracks import size_of
 
 GATE = 0.1
 """Largest mean distance of an individual's joints from a detection's, relative to its size in the image."""
@@ -182,10 +183,8 @@ class PersonMatcher:
         at, depth = _project(self.projections[camera], joints)
         known = (seen.confidence > 0) & np.isfinite(at[:, 0]) & (depth > 0)
         scale = size * self.sizes[camera] / np.maximum(np.nanmean(depth), 1e-9)
-        away = np.minimum(np.linalg.norm(np.nan_to_num(at) - np.nan_to_num(seen.pixels), axis=2) / scale, CAP)
-        shared = known.sum(axis=1)
-        mean = np.where(known, away, 0).sum(axis=1) / np.maximum(shared, 1)
-        return np.where(shared >= min(MIN_SHARED, len(joints)), mean, np.inf)
+        away = np.linalg.norm(np.nan_to_num(at) - np.nan_to_num(seen.pixels), axis=2) / scale
+        return _mean_distances(away, known)
 
     def _located(
         self,
@@ -401,11 +400,8 @@ class PersonMatcher:
                 if camera in places:
                     return None
                 continue
-            sizes = np.array([_extent(pixels) for pixels in one.pixels])
-            away = np.linalg.norm(at - one.pixels, axis=2) / sizes[:, None]
-            shared = np.isfinite(away) & (one.confidence > 0)
-            mean = np.where(shared, np.minimum(away, CAP), 0).sum(axis=1) / np.maximum(shared.sum(axis=1), 1)
-            mean[shared.sum(axis=1) < min(MIN_SHARED, len(joints))] = np.inf
+            away = np.linalg.norm(at - one.pixels, axis=2) / _extents(one.pixels)[:, None]
+            mean = _mean_distances(away, np.isfinite(away) & (one.confidence > 0))
             if camera in places:
                 if mean[places[camera]] > AGREE:
                     return None
@@ -476,10 +472,20 @@ def _project(projection: Array, points: Array) -> tuple[Array, Array]:
         return homogeneous[..., :2] / homogeneous[..., 2:], homogeneous[..., 2]
 
 
-def _extent(points: Array) -> float:
-    """Return the diagonal of the box around known points (n, ...), at least 1e-9."""
-    known = points[np.isfinite(points[:, 0])]
-    return max(float(np.linalg.norm(np.ptp(known, axis=0))), 1e-9) if len(known) else 1e-9
+def _mean_distances(away: Array, shared: Array) -> Array:
+    """Return the means (n,) of the shared distances (n, joints); infinite where too few are shared."""
+    number = shared.sum(axis=1)
+    mean = np.where(shared, np.minimum(away, CAP), 0).sum(axis=1) / np.maximum(number, 1)
+    return np.where(number >= min(MIN_SHARED, shared.shape[1]), mean, np.inf)
+
+
+def _extents(joints: Array) -> Array:
+    """Return the sizes (n,) of individuals' joints, at least 1e-9."""
+    return np.fmax(size_of(joints), 1e-9)
+
+
+def _extent(joints: Array) -> float:
+    return float(_extents(joints[None])[0])
 
 
 def _apart(a: Array, b: Array) -> float:

@@ -6,7 +6,6 @@ This module also computes a manifest's sync record, and checks the rules that ev
 from __future__ import annotations
 
 import inspect
-import re
 import stat
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -351,9 +350,9 @@ def video_path(camera: str, part: int = 0) -> str:
     return f"{VIDEOS}/{RIG}/{camera}{f'+{part + 1}' if part else ''}.mjpeg"
 
 
-def video_of(name: str) -> tuple[str, int]:
-    """Return the camera of a video's file name, and the number of its part; see `video_path`."""
-    camera, _, part = re.sub(r"\.(mjpeg|frames\.ndjson)$", "", name).partition("+")
+def video_of(stem: str) -> tuple[str, int]:
+    """Return the camera of a video's file name without its suffix, and the number of its part."""
+    camera, _, part = stem.partition("+")
     return camera, int(part) - 1 if part.isdecimal() else 0
 
 

@@ -118,7 +118,8 @@ class VideoStore:
         self._mutex = threading.Lock()
         self.knows_true_times = False
         """Whether any frame came with its true time."""
-        paths = {video_of(lines.name): lines for lines in (held.path / VIDEOS).glob(f"*/*{FRAMES_SUFFIX}")}
+        found = (held.path / VIDEOS).glob(f"*/*{FRAMES_SUFFIX}")
+        paths = {video_of(lines.name.removesuffix(FRAMES_SUFFIX)): lines for lines in found}
         for (camera, number), lines in sorted(paths.items()):
             self._recover(camera, number, lines)
 

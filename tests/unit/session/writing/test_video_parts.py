@@ -100,4 +100,4 @@ def test_an_interrupted_recording_goes_on_after_its_last_part(tmp_path: Path) ->
 def test_a_part_has_a_name_that_no_camera_has() -> None:
     for camera in ("left", "a.b", "left-2"):
         for part in (0, 1, 12):
-            assert video_of(Path(video_path(camera, part)).name) == (camera, part)
+            assert video_of(Path(video_path(camera, part)).stem) == (camera, part)

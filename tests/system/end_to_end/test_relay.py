@@ -102,7 +102,10 @@ async def test_nodes_below_a_relay_are_part_of_the_rig_even_when_it_is_killed(
     done = await asking
     assert (done.received, done.expected) == (24, 24)
     check(done.session, cameras=3, frames=8)
-    assert (await nodes_at(root))["far1"].parent is None
+    # Images that had all arrived before the relay died do not wait for its nodes to come.
+    async with asyncio.timeout(TIMEOUT_S):
+        while (await nodes_at(root))["far1"].parent is not None:
+            await asyncio.sleep(0.2)
 
     _, between = await relay(start, "hall", root, at=between)
     await leader.says("hall is back")

@@ -20,7 +20,7 @@ WITH_CONTROL = (("mover_", "Moving things"), ("static_", "Things at rest (contro
 
 @dataclass(frozen=True)
 class Column:
-    """A column's name, with its group and tone: the condition (`synced`, `offset`), or `words` for sentences."""
+    """A column's name, group and tone: its condition (`synced`, `offset`), or `words` for sentences."""
 
     name: str
     group: str = ""

@@ -20,6 +20,7 @@ from capture_app.session.files.untrusted_files import (
     rejecting,
 )
 from capture_app.session.format.calibration import Calibration
+from capture_app.session.format.camera_labels import find_camera
 from capture_app.session.format.journal import (
     TIMES,
     TrueTime,
@@ -121,6 +122,13 @@ class Session:
                 f"{self.folder} has no camera {name!r}", hint=f"it has {', '.join(self._cameras)}"
             )
         return self._cameras[name]
+
+    def camera_named(self, text: str) -> CameraRecord:
+        """Return the record of the camera that a person means: by its label, then by its name.
+
+        Raises BadInputError if the session has no such camera.
+        """
+        return self.camera(find_camera(text, self.stored_manifest.labels) or text)
 
     def image_file(self, record: ImageRecord) -> Path:
         """Return the file that contains an image, which is the video for a frame of one; see `image_bytes`.

@@ -89,11 +89,13 @@ class Dataset:
         self.session = session
         self.name = manifest.name
         self.cameras = tuple(camera.name for camera in manifest.cameras)
+        self.labels = manifest.labels
+        """What their owner calls the cameras, by name."""
         self.instants_ns = manifest.burst.instants_ns
         self.period_ns = manifest.burst.period_ns
-        self.time_shifts_ms = dict(shifts_ms or {})
-        for name in self.time_shifts_ms:
-            session.camera(name)
+        self.time_shifts_ms = {
+            session.camera_named(name).name: shift_ms for name, shift_ms in (shifts_ms or {}).items()
+        }
         own_records = [record for record in manifest.images if not record.substitute]
         self._records = shift_times(own_records, self.time_shifts_ms, self.instants_ns, self.period_ns)
         self._scale = 1.0

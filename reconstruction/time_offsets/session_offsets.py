@@ -51,7 +51,7 @@ def measure_times(
     dataset = scene.dataset
     dataset.require_cameras(2, "a time offset is measured between two")
     if reference is not None:
-        dataset.session.camera(reference)
+        reference = dataset.session.camera_named(reference).name
     alone = bool(dataset.unsynchronized)
     if apply and not alone:
         raise NotApplicableError(

@@ -92,10 +92,11 @@ class TakeSheet:
         return f"{duration(image.residual_ns, signed=True)} off" if image.late else beside
 
     def heading(self, camera: str) -> str:
-        """Return a camera's name, in a staggered session with its planned delay."""
+        """Return what people call a camera, in a staggered session with its planned delay."""
+        called = self.session.camera(camera).shown
         if not self.session.manifest.is_staggered:
-            return camera
-        return f"{camera} +{self.session.camera(camera).delay_ns / 1e6:.3g} ms"
+            return called
+        return f"{called} +{self.session.camera(camera).delay_ns / 1e6:.3g} ms"
 
     def since_start_ns(self, instant: int) -> int:
         """Return the time of an instant since the first one, ns."""
@@ -159,7 +160,9 @@ def contact_sheet(
         )
     whole = np.full((*size, 3), GROUND, np.uint8)
     for x, camera in enumerate(sheet.cameras):
-        _write(whole, sheet.heading(camera), (GUTTER + x * (width + GAP), 18), INK, room=width)
+        # OpenCV's font only has ASCII.
+        title = heading if (heading := sheet.heading(camera)).isascii() else camera
+        _write(whole, title, (GUTTER + x * (width + GAP), 18), INK, room=width)
     for y, instant in enumerate(instants):
         top = HEAD + y * (height + GAP)
         since = duration(sheet.since_start_ns(instant), signed=True) if instant else "first"

@@ -11,7 +11,7 @@ import click
 from capture_app.commands.session_text import session_lines
 from capture_app.commands.shared_options import ANY_PATH, restrict_file_access
 from capture_app.common.errors import BadInputError
-from capture_app.common.names import name_like
+from capture_app.common.names import label_of
 from capture_app.common.optional_packages import RECONSTRUCTION
 from capture_app.common.plugins import plugin_names
 from capture_app.common.text import count
@@ -163,7 +163,8 @@ def import_command(
     restrict_file_access()
     if name is None:
         path = split_name(sources[0])[1].resolve()
-        name = name_like(path.name if len(sources) == 1 and path.is_dir() else path.parent.name, "recording")
+        own = path if len(sources) == 1 and path.is_dir() else path.parent
+        name = label_of(own.name) or "recording"
     tables = [split_name(table) for table in timestamps]
     chosen = ImportOptions(offsets_ms=_parse_time_shifts(shifts), timestamps=tables, **options)
     written = import_found(sources, out, name, chosen, show_count("images"), talk)

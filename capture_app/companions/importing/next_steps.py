@@ -27,64 +27,58 @@ class Situation:
         return self.cameras > 1 and self.calibrated and self.aligned
 
 
-@dataclass(frozen=True, slots=True)
-class Step:
-    """A command, what it is for, and the situations in which it works."""
-
-    purpose: str
-    command: str
-    """With `{folder}` and `{name}` of the session; words in capitals are the user's."""
-    works: Callable[[Situation], bool]
-
-
-STEPS: Sequence[Step] = (
-    Step(
+STEPS: Sequence[tuple[str, str, Callable[[Situation], bool]]] = (
+    (
         "calibrate from a file or from another session of these cameras",
         "reconstruct calibrate {folder} --from PATH",
         lambda its: its.cameras > 1 and not its.calibrated,
     ),
-    Step(
+    (
         "calibrate by what is still",
         "reconstruct calibrate {folder}",
         lambda its: its.cameras > 2 and not its.calibrated,
     ),
-    Step(
+    (
         "calibrate by what is still and the cameras' horizontal view in degrees",
         "reconstruct calibrate {folder} --field-of-view DEG",
         # Images of two cameras do not determine their lenses.
         lambda its: its.cameras == 2 and not its.calibrated,
     ),
-    Step(
+    (
         "align by what moves, with a calibration",
         "reconstruct time {folder} --apply",
         lambda its: its.cameras > 1 and not its.aligned,
     ),
-    Step(
+    (
         "compute the depth of an instant",
         "reconstruct multiview {folder} --out {name}-multiview",
         lambda its: its.has_depth and not its.comparable,
     ),
-    Step(
+    (
         "look at the pictures",
         "capture-app sessions sheet {folder} --out {name}.jpg",
         lambda its: not its.has_depth or (its.instants > 1 and not its.comparable),
     ),
-    Step(
+    (
         "see what synchronization changes",
         "reconstruct compare {folder} --out {name}-compare",
         lambda its: its.has_depth and its.comparable,
     ),
 )
-"""The last step that works is the next one, and works whatever the pictures show."""
+"""What a command is for, the command, and the situations in which it works.
+
+`{folder}` and `{name}` are the session's, words in capitals are the user's. The last one that works is the
+next one, and works whatever the pictures show.
+"""
 
 
 def describe_steps(session: Session) -> list[str]:
     """Return a line for each command that works for a session; the last one is the next command."""
-    situation, folder = situation_of(session), session.folder
+    its, folder = situation_of(session), session.folder
+    steps = {command: f"to {purpose}" for purpose, command, works in STEPS if works(its)}
+    lines = {**steps, [*steps][-1]: "next"}
     names = {"folder": command_line(str(folder)), "name": folder.name}
-    *others, last = (step for step in STEPS if step.works(situation))
-    lines = [f"to {step.purpose}: {step.command.format(**names)}" for step in others]
-    return [*lines, f"next: {last.command.format(**names)}"]
+    return [f"{purpose}: {command.format(**names)}" for command, purpose in lines.items()]
 
 
 def situation_of(session: Session) -> Situation:

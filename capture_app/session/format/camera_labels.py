@@ -5,6 +5,7 @@ A camera is known by what its owner wrote, its label, and then by the name of it
 
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from itertools import product
 from unicodedata import normalize
 
 from capture_app.common.errors import BadInputError
@@ -14,32 +15,22 @@ _GENERIC = {"", "c", "cam", "camera", "port", "device", "sensor", "video", "view
 """What stands before a number and names no camera: `0`, `port_0` and `cam_0` are the same one."""
 
 
-def find_camera(text: str, cameras: Mapping[str, str]) -> str | None:
-    """Return the name of the camera that a person means, or None; `cameras`: labels by name.
-
-    Its label goes before its name. Letter case matters only between cameras that differ by nothing else.
-    """
-    for labels in (cameras, {name: name for name in cameras}):
-        for key in (_same, label_key):
-            found = [name for name, label in labels.items() if key(label) == key(text)]
-            if len(found) == 1:
-                return found[0]
-    return None
-
-
 def require_camera(text: str, cameras: Mapping[str, str], where: str) -> str:
-    """Return the name of the camera that a person means. Raises BadInputError: `where` names none."""
-    if (name := find_camera(text, cameras)) is None:
+    """Return the name of the camera that a person means, as `pair_labels`; `cameras` is labels by name.
+
+    Raises BadInputError: `where` names none.
+    """
+    if not (pairs := pair_labels([text], cameras)):
         raise BadInputError(
             f"{where} names {text}, which the recording lacks", hint=f"it has {', '.join(cameras.values())}"
         )
-    return name
+    return next(iter(pairs))
 
 
 def pair_labels(labels: Iterable[str], cameras: Sequence[str] | Mapping[str, str]) -> dict[str, str]:
     """Return the label of each camera that has one in a file, by the camera's name.
 
-    `cameras`: their names, or what their owner calls each, by name, which is compared before the names.
+    `cameras`: their names, or what their owner calls each, by name; that is compared before the name.
     Equal names are paired first, then names that differ in letter case, in separators, in leading zeros or in
     a word such as `cam` before the number. Where no name is equal, `1` and `2` are gopro_1 and gopro_2 only
     if the numbers of the labels are those of the cameras, one to one.
@@ -47,16 +38,16 @@ def pair_labels(labels: Iterable[str], cameras: Sequence[str] | Mapping[str, str
     left = list(dict.fromkeys(labels))
     pairs: dict[str, str] = {}
     names = {name: name for name in cameras}
+    called_by = [cameras, names] if isinstance(cameras, Mapping) else [names]
     keys: Sequence[Callable[[str], object]] = (_same, label_key, _key)
-    for called in [cameras, names] if isinstance(cameras, Mapping) else [names]:
-        for key in keys:
-            own = {name: key(label) for name, label in called.items() if name not in pairs}
-            given = {label: key(label) for label in left}
-            for name, of in own.items():
-                same = [label for label in left if given[label] == of]
-                if len(same) == 1 and sum(other == of for other in own.values()) == 1:
-                    pairs[name] = same[0]
-            left = [label for label in left if label not in pairs.values()]
+    for key, called in product(keys, called_by):
+        own = {name: key(label) for name, label in called.items() if name not in pairs}
+        given = {label: key(label) for label in left}
+        for name, of in own.items():
+            same = [label for label in left if given[label] == of]
+            if len(same) == 1 and sum(other == of for other in own.values()) == 1:
+                pairs[name] = same[0]
+        left = [label for label in left if label not in pairs.values()]
     return pairs or _by_number(left, [*names])
 
 

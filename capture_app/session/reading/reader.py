@@ -20,7 +20,7 @@ from capture_app.session.files.untrusted_files import (
     rejecting,
 )
 from capture_app.session.format.calibration import Calibration
-from capture_app.session.format.camera_labels import find_camera
+from capture_app.session.format.camera_labels import pair_labels
 from capture_app.session.format.journal import (
     TIMES,
     TrueTime,
@@ -124,11 +124,11 @@ class Session:
         return self._cameras[name]
 
     def camera_named(self, text: str) -> CameraRecord:
-        """Return the record of the camera that a person means: by its label, then by its name.
+        """Return the record of the camera that a person means: see `pair_labels`.
 
         Raises BadInputError if the session has no such camera.
         """
-        return self.camera(find_camera(text, self.stored_manifest.labels) or text)
+        return self.camera(next(iter(pair_labels([text], self.stored_manifest.labels)), text))
 
     def image_file(self, record: ImageRecord) -> Path:
         """Return the file that contains an image, which is the video for a frame of one; see `image_bytes`.

@@ -121,7 +121,7 @@ def _rows_of(where: str, labelled: Sequence[int], images: _Images, start: str) -
 def _labels_in(folder: Path, cameras: Mapping[str, str]) -> tuple[dict[str, Path], dict[str, Labels]]:
     """Return each camera's file, or folder of JSON files, and its labels.
 
-    A camera's path names it, by its label or else by its name: of several, the one of the longest.
+    A camera's path names it, by its label or its name: of several, the longest.
     `cameras` are labels by name. A folder of JSON files
     comes before their own names.
     """
@@ -162,13 +162,10 @@ def _labels_in(folder: Path, cameras: Mapping[str, str]) -> tuple[dict[str, Path
 
 
 def _named(text: str, cameras: Mapping[str, str]) -> str:
-    for labels in (cameras, {name: name for name in cameras}):
-        said = {name: rf"(?<![A-Za-z0-9]){re.escape(label)}(?!\d)" for name, label in labels.items()}
-        if found := [
-            name for name, of in said.items() if re.search(of, normalize("NFC", text), re.IGNORECASE)
-        ]:
-            return max(found, key=lambda name: len(labels[name]))
-    return ""
+    names = {name: name for name in cameras} | {label: name for name, label in cameras.items()}
+    text = normalize("NFC", text)
+    found = [one for one in names if re.search(rf"(?<![A-Za-z0-9]){re.escape(one)}(?!\d)", text, re.I)]
+    return names[max(found, key=len)] if found else ""
 
 
 def _read(paths: Sequence[Path]) -> Labels | Sequence[Labels] | None:

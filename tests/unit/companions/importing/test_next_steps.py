@@ -9,7 +9,7 @@ from capture_app.companions.importing.next_steps import STEPS, Situation
 
 
 def commands(situation: Situation) -> list[str]:
-    return [step.command for step in STEPS if step.works(situation)]
+    return [command for _, command, works in STEPS if works(situation)]
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,7 @@ from capture_app.common.optional_packages import RECONSTRUCTION
 from capture_app.common.plugins import plugin_names
 from capture_app.common.text import count
 from capture_app.companions.importing.next_steps import are_times_uncertain, describe_steps
-from capture_app.console.terminal import FiniteRange, answer, json_option, show_count, talk
+from capture_app.console.terminal import TIME_SHIFT, FiniteRange, answer, json_option, show_count, talk
 from capture_app.console.usage import examples, write_plugins
 from capture_app.session.alignment.alignment_method import GROUP as ALIGNMENTS
 from capture_app.session.reading.reader import Session
@@ -74,6 +74,7 @@ class _ImportCommand(click.Command):
 @click.option(
     "--time-shift-ms",
     "shifts",
+    type=TIME_SHIFT,
     metavar="CAMERA=MS",
     multiple=True,
     help="Add MS to the times of a camera, as for phones started by hand. Repeatable.",
@@ -145,7 +146,7 @@ def import_command(
     sources: tuple[str, ...],
     name: str | None,
     out: Path,
-    shifts: tuple[str, ...],
+    shifts: tuple[tuple[str, float], ...],
     timestamps: tuple[str, ...],
     as_json: bool,
     **options: Any,
@@ -166,7 +167,7 @@ def import_command(
         own = path if len(sources) == 1 and path.is_dir() else path.parent
         name = label_of(own.name) or "recording"
     tables = [split_name(table) for table in timestamps]
-    chosen = ImportOptions(offsets_ms=_parse_time_shifts(shifts), timestamps=tables, **options)
+    chosen = ImportOptions(offsets_ms=dict(shifts), timestamps=tables, **options)
     written = import_found(sources, out, name, chosen, show_count("images"), talk)
     made = [_aligned_by_motion(session, chosen.align) for session in written]
     result = [
@@ -221,17 +222,3 @@ def _say_next(session: Session) -> None:
     talk(f"all {count(len(session.manifest.images), 'image')} verified")
     for line in describe_steps(session):
         talk(line)
-
-
-def _parse_time_shifts(texts: tuple[str, ...]) -> dict[str, float]:
-    values = {}
-    for text in texts:
-        camera, _, value = text.rpartition("=")
-        try:
-            values[camera] = float(value)
-            round(values[camera])  # neither infinite nor NaN
-        except (ValueError, OverflowError):
-            raise BadInputError(
-                f"--time-shift-ms {text} is not CAMERA=MS", hint="example: cam1=-12.5"
-            ) from None
-    return values

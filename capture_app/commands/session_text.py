@@ -105,7 +105,7 @@ def _camera_row(manifest: Manifest, camera: CameraRecord) -> tuple[str, ...]:
     images = [image for image in manifest.images if image.camera == camera.name]
     dropped = sum(missing.dropped for missing in manifest.missing if missing.camera == camera.name)
     return (
-        camera.shown,
+        manifest.labels[camera.name],
         f"{camera.facts.width}x{camera.facts.height}",
         str(len(images)),
         _worst([image.uncertainty_ns for image in images]),

@@ -55,14 +55,13 @@ def _is_folder_name(text: str) -> bool:
 def label_of(text: str) -> str:
     """Return a text as a label: in one form of Unicode (NFC), without what `NAME=PATH` cannot have."""
     # Names of files need not be UTF-8.
-    valid = normalize("NFC", text).encode("utf-8", "replace").decode()
-    return " ".join(_NO_LABEL.sub("-", valid).split())[:255]
+    valid = _NO_LABEL.sub("-", normalize("NFC", text)).encode("utf-8", "replace").decode()
+    return " ".join(valid.split())[:255]
 
 
 def check_label(text: str, what: str) -> str:
     """Return a text as a label of `what` it names. Raises BadInputError if it cannot be one."""
-    label = label_of(text)
-    return check_name(text, what) if not label or _NO_LABEL.search(text) else label
+    return label_of(text) if text.strip() and not _NO_LABEL.search(text) else check_name(text, what)
 
 
 def label_key(text: str) -> str:
@@ -79,10 +78,11 @@ def folder_names(labels: Sequence[str], what: str, otherwise: str) -> list[str]:
     keys = Counter(map(label_key, labels))
     if twice := [label for label in labels if keys[label_key(label)] > 1]:
         raise BadInputError(f"two {what}s are named {twice[0]}", hint="name them: NAME=PATH")
-    names = {label: label for label in labels if _is_folder_name(label)}
-    for number, label in enumerate(labels):
-        if label not in names:
-            names[label] = free_name(name_like(label, f"{otherwise}{number}"), names.values())
+    names: dict[str, str] = {}
+    # A folder's name is first of all that of the label which is equal to it.
+    for number, label in sorted(enumerate(labels), key=lambda one: not _is_folder_name(one[1])):
+        nearest = label if _is_folder_name(label) else name_like(label, f"{otherwise}{number}")
+        names[label] = free_name(nearest, names.values())
     return [names[label] for label in labels]
 
 

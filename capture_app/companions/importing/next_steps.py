@@ -74,11 +74,10 @@ next one, and works whatever the pictures show.
 
 def describe_steps(session: Session) -> list[str]:
     """Return a line for each command that works for a session; the last one is the next command."""
-    its, folder = situation_of(session), session.folder
-    steps = {command: f"to {purpose}" for purpose, command, works in STEPS if works(its)}
-    lines = {**steps, [*steps][-1]: "next"}
-    names = {"folder": command_line(str(folder)), "name": folder.name}
-    return [f"{purpose}: {command.format(**names)}" for command, purpose in lines.items()]
+    its, folder = situation_of(session), command_line(str(session.folder))
+    steps = [(f"to {purpose}", command) for purpose, command, works in STEPS if works(its)]
+    lines = [*steps[:-1], ("next", steps[-1][1])]
+    return [f"{to}: {command.format(folder=folder, name=session.folder.name)}" for to, command in lines]
 
 
 def situation_of(session: Session) -> Situation:

@@ -124,11 +124,6 @@ class CameraRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     label: Label = ""
     """What its owner calls it, in any script; absent if that is its name."""
 
-    @property
-    def shown(self) -> str:
-        """What people call it."""
-        return self.label or self.name
-
     def __post_init__(self) -> None:
         """Raise ValueError for a camera without pixels."""
         if not (self.facts.width and self.facts.height):
@@ -322,7 +317,7 @@ class Manifest(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     @property
     def labels(self) -> dict[str, str]:
         """What people call each camera, by its name."""
-        return {camera.name: camera.shown for camera in self.cameras}
+        return {camera.name: camera.label or camera.name for camera in self.cameras}
 
     @property
     def expected_images(self) -> int:

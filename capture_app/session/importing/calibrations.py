@@ -69,11 +69,11 @@ def read_views(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) -> Vie
 def fit_calibration(
     views: Views,
     sizes: Mapping[str, tuple[int, int]],
+    labels: Mapping[str, str] | None = None,
     *,
     unit: str | None = None,
     fit: Fit = "exact",
     talk: Talk = lambda said: None,
-    labels: Mapping[str, str] | None = None,
 ) -> Calibration:
     """Return the calibration of a recording's cameras, given their image sizes (width, height) in px.
 
@@ -197,17 +197,13 @@ def choose_calibration(
         unit, views = options.unit, read_views([split_name(text) for text in options.calibration], cameras)
     elif layout.calibration is not None:
         views = read_views([("", layout.calibration)], cameras)
-
-    def fit(views: Views) -> Calibration:
-        return fit_calibration(views, sizes(), unit=unit, fit=options.fit, talk=notes.append, labels=labels)
-
     if views is not None:
-        return fit(views), notes
+        return fit_calibration(views, sizes(), labels, unit=unit, fit=options.fit, talk=notes.append), notes
     if layout.record is not None or layout.beside is None:
         return _exported(layout.record, sizes()) if layout.record else None, notes
     try:
         views = read_views([("", layout.beside)], cameras)
-        calibration = fit(views)
+        calibration = fit_calibration(views, sizes(), labels, unit=unit, fit=options.fit, talk=notes.append)
     except BadInputError as error:
         return None, [f"calibration: {layout.beside} is not taken: {error}"]
     return calibration, [f"calibration: {layout.beside}", *notes]

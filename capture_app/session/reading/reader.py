@@ -20,7 +20,6 @@ from capture_app.session.files.untrusted_files import (
     rejecting,
 )
 from capture_app.session.format.calibration import Calibration
-from capture_app.session.format.camera_labels import pair_labels
 from capture_app.session.format.journal import (
     TIMES,
     TrueTime,
@@ -122,13 +121,6 @@ class Session:
                 f"{self.folder} has no camera {name!r}", hint=f"it has {', '.join(self._cameras)}"
             )
         return self._cameras[name]
-
-    def camera_named(self, text: str) -> CameraRecord:
-        """Return the record of the camera that a person means: see `pair_labels`.
-
-        Raises BadInputError if the session has no such camera.
-        """
-        return self.camera(next(iter(pair_labels([text], self.stored_manifest.labels)), text))
 
     def image_file(self, record: ImageRecord) -> Path:
         """Return the file that contains an image, which is the video for a frame of one; see `image_bytes`.

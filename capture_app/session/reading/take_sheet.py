@@ -93,10 +93,8 @@ class TakeSheet:
 
     def heading(self, camera: str) -> str:
         """Return what people call a camera, in a staggered session with its planned delay."""
-        called = self.session.camera(camera).shown
-        if not self.session.manifest.is_staggered:
-            return called
-        return f"{called} +{self.session.camera(camera).delay_ns / 1e6:.3g} ms"
+        manifest, delay_ns = self.session.stored_manifest, self.session.camera(camera).delay_ns
+        return manifest.labels[camera] + (f" +{delay_ns / 1e6:.3g} ms" if manifest.is_staggered else "")
 
     def since_start_ns(self, instant: int) -> int:
         """Return the time of an instant since the first one, ns."""
@@ -130,8 +128,8 @@ class TakeSheet:
 
 def sheet_instants(sheet: TakeSheet, width: int) -> range:
     """Return the instants of a contact sheet: all, or every Nth of a take that is too long for a picture."""
-    columns_px = GUTTER + len(sheet.cameras) * (width + GAP)
-    rows = (min(MAX_SIDE, MAX_PIXELS // columns_px) - HEAD) // (round(width * sheet.aspect) + GAP)
+    tallest_px = min(MAX_SIDE, MAX_PIXELS // (GUTTER + len(sheet.cameras) * (width + GAP)))
+    rows = (tallest_px - HEAD) // (round(width * sheet.aspect) + GAP)
     return range(0, sheet.instants, math.ceil(sheet.instants / max(1, rows)))
 
 
@@ -161,8 +159,10 @@ def contact_sheet(
     whole = np.full((*size, 3), GROUND, np.uint8)
     for x, camera in enumerate(sheet.cameras):
         # OpenCV's font only has ASCII.
-        title = heading if (heading := sheet.heading(camera)).isascii() else camera
-        _write(whole, title, (GUTTER + x * (width + GAP), 18), INK, room=width)
+        heading = sheet.heading(camera)
+        _write(
+            whole, heading if heading.isascii() else camera, (GUTTER + x * (width + GAP), 18), INK, room=width
+        )
     for y, instant in enumerate(instants):
         top = HEAD + y * (height + GAP)
         since = duration(sheet.since_start_ns(instant), signed=True) if instant else "first"

@@ -158,7 +158,7 @@ class ContactSheet(ScrollView, can_focus=True):
     def _names(self, sheet: TakeSheet, cameras: range) -> Strip:
         return Strip.join(
             self._words(
-                printable(sheet.session.camera(sheet.cameras[at]).shown),
+                printable(sheet.session.stored_manifest.labels[sheet.cameras[at]]),
                 self.thumb_size.width + 1,
                 "sheet--cursor" if at == self.cursor.x else "sheet--label",
                 gap=1,

@@ -163,8 +163,8 @@ def _labels_in(folder: Path, cameras: Mapping[str, str]) -> tuple[dict[str, Path
 
 def _named(text: str, cameras: Mapping[str, str]) -> str:
     names = {name: name for name in cameras} | {label: name for name, label in cameras.items()}
-    text = normalize("NFC", text)
-    found = [one for one in names if re.search(rf"(?<![A-Za-z0-9]){re.escape(one)}(?!\d)", text, re.I)]
+    whole = {one: rf"(?<![A-Za-z0-9]){re.escape(one)}(?!\d)" for one in names}
+    found = [one for one in names if re.search(whole[one], normalize("NFC", text), re.IGNORECASE)]
     return names[max(found, key=len)] if found else ""
 
 

@@ -122,9 +122,8 @@ def make_times(layout: Layout, options: TimeOptions) -> Times:
     times, more than one, or if cameras' times never meet.
     """
     recording, sources = _Recording(layout.sources, options, layout), layout.sources
-    labels = labels_of(sources)
     shifts_ns = {
-        require_camera(name, labels, "--time-shift-ms"): round(ms * 1e6)
+        require_camera(name, labels_of(sources), "--time-shift-ms"): round(ms * 1e6)
         for name, ms in options.offsets_ms.items()
     }
     _check_options(recording)

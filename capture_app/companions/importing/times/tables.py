@@ -92,8 +92,7 @@ def _read_tables(tables: Sequence[Table], sources: Sequence[Source]) -> tuple[li
     rows: list[_Row] = []
     notes: list[str] = []
     for name, path in tables:
-        named = require_camera(name, called, f"--timestamps {name}=") if name else ""
-        own = [by_name[named]] if named else sources
+        own = [by_name[require_camera(name, called, "--timestamps")]] if name else sources
         rows += _read_table(path, own, notes, per_camera=bool(name))
     timed = {row.camera for row in rows if row.at_ns is not None}
     if lacking := [name for name in by_name if name not in timed]:

@@ -10,6 +10,7 @@ import pytest
 from capture_app.cli import run
 from capture_app.common.errors import BadInputError, ExitCode
 from capture_app.companions.importing.recording import ImportOptions, import_found
+from capture_app.session.format.camera_labels import require_camera
 from capture_app.session.format.manifest import MANIFEST
 from capture_app.session.reading.reader import Session
 from tests.unit.companions.importing.numbered_video import imported, write_video
@@ -81,7 +82,8 @@ def test_the_command_takes_labels_everywhere(
     assert [len(of) for of in session.images_by_instant()] == [2, 2, 2]
     for name in names:
         assert name in shown.out
-        assert session.camera_named(normalize(form, name)).shown == name  # type: ignore[arg-type]
+        named = require_camera(normalize(form, name), cameras_of(session), "")  # type: ignore[arg-type]
+        assert cameras_of(session)[named] == name
     assert shown.out.startswith("my take: imported")
     step = shown.err.splitlines()[-1].removeprefix("next: capture-app ")
     assert run([*shlex.split(step), "--replace", "--width", "32"]) == ExitCode.OK

@@ -75,9 +75,12 @@ next one, and works whatever the pictures show.
 def describe_steps(session: Session) -> list[str]:
     """Return a line for each command that works for a session; the last one is the next command."""
     its, folder = situation_of(session), command_line(str(session.folder))
-    steps = [(f"to {purpose}", command) for purpose, command, works in STEPS if works(its)]
-    lines = [*steps[:-1], ("next", steps[-1][1])]
-    return [f"{to}: {command.format(folder=folder, name=session.folder.name)}" for to, command in lines]
+    steps = [(purpose, command) for purpose, command, works in STEPS if works(its)]
+    return [
+        ("next: " if number == len(steps) else f"to {purpose}: ")
+        + command.format(folder=folder, name=session.folder.name)
+        for number, (purpose, command) in enumerate(steps, 1)
+    ]
 
 
 def situation_of(session: Session) -> Situation:

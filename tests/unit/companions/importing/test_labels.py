@@ -112,6 +112,8 @@ def test_a_table_and_a_calibration_name_the_cameras_as_their_owner(form: str, tm
     assert calibration is not None
     assert calibration.cameras["Bohm"].translation == (0, 0, 0)
     assert {*calibration.cameras} == {*cameras_of(session)}
+    with pytest.raises(BadInputError, match=r"it has Bohm \(Böhm\), cam1 \(カメラ左\)"):
+        session.camera("Böhm")
     assert "cameras of" not in said
 
 

@@ -168,3 +168,12 @@ def test_a_renamed_session_is_called_by_its_new_name(tmp_path: Path) -> None:
     import_found([str(folder)], tmp_path, "my take", ImportOptions(fps=30.0))
     assert run(["sessions", "rename", str(tmp_path / "my-take"), "other"]) == ExitCode.OK
     assert not Session.open(tmp_path / "other").manifest.label
+
+
+def test_an_export_brings_the_labels_back(tmp_path: Path) -> None:
+    session, _ = imported(shoot(tmp_path / "shoot", SCRIPTS["japanese"]), fps=30.0)
+    assert (
+        run(["sessions", "export", str(session.folder), "--to", "colmap", "--out", str(tmp_path / "x")]) == 0
+    )
+    (back,) = import_found([str(tmp_path / "x")], tmp_path, "back", ImportOptions())
+    assert cameras_of(back) == cameras_of(session) == {"cam0": "カメラ右", "cam1": "カメラ左"}

@@ -188,9 +188,7 @@ def sheet(session: Path, out: Path, width: int, replace: bool, as_json: bool) ->
     opened = TakeSheet.open(session)
     shown = sheet_instants(opened, width)
     if shown.step > 1:
-        talk(
-            f"one in {shown.step} of {count(opened.instants, 'instant')} is shown: all are too tall a picture"
-        )
+        talk(f"one in {shown.step} instants is shown: all {opened.instants} are too tall for a picture")
     picture = contact_sheet(opened, width, show_count("images"), shown)
     _write(out, encode_image(picture, suffix))
     answer(

@@ -98,7 +98,7 @@ def test_a_long_take_is_shown_in_steps(
     out = tmp_path / "sheet.jpg"
     assert run(["sessions", "sheet", str(take.folder), "--out", str(out), "--width", "64", "--json"]) == 0
     printed = capsys.readouterr()
-    assert "one in 4 of 10 instants is shown" in printed.err
+    assert "one in 4 instants is shown: all 10" in printed.err
     assert json.loads(printed.out)["every"] == 4
     picture = cv2.imread(str(out))
     # Instants 0, 4 and 8 of the first camera; a fifth row would be too many.

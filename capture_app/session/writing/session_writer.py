@@ -155,6 +155,11 @@ class SessionWriter:
         """The session's folder, which a person may have renamed or moved meanwhile."""
         return self._held.path
 
+    @property
+    def moved_to(self) -> Path | None:
+        """Where a person has moved its folder, as far as was noticed while it was written."""
+        return self._held.moved_to
+
     def set_plan(self, plan: BurstPlan) -> None:
         """Save the plan of the burst durably; from then on the session can be resumed after a crash.
 

@@ -15,7 +15,7 @@ from pathlib import Path
 from statistics import median
 
 from capture_app.common.errors import BadInputError, NotAvailableError
-from capture_app.common.names import name_like, natural_order
+from capture_app.common.names import label_of, natural_order
 from capture_app.common.text import count
 from capture_app.session.alignment.alignment_method import alignment_methods
 from capture_app.session.importing.recording_sources import CAMERA, folders_below, videos_in
@@ -282,9 +282,7 @@ def _by_date(clips: Sequence[Clip]) -> list[list[Clip]]:
 def _by_counters(clips: Sequence[Clip]) -> dict[str, list[Clip]]:
     """Return the clips by the word before the number that their camera counts; none if it is one word."""
     words = {clip: re.sub(r"[_\-. ]*\d+$", "", clip.path.stem) for clip in clips}
-    cameras = {
-        name_like(word, "cam"): [clip for clip in clips if words[clip] == word] for word in words.values()
-    }
+    cameras = {label_of(word): [clip for clip in clips if words[clip] == word] for word in words.values()}
     counted = all(clip.path.stem[-1].isdecimal() for clip in clips)
     return cameras if counted and min(map(len, cameras.values())) > 1 < len(cameras) else {}
 
@@ -308,7 +306,7 @@ def _by_names(clips: Sequence[Clip], notes: list[str]) -> list[Shoot]:
     shoots: list[Shoot] = [
         (
             take,
-            {name_like(pair[1 - takes], "cam"): clip for pair, clip in grid.items() if pair[takes] == take},
+            {label_of(pair[1 - takes]): clip for pair, clip in grid.items() if pair[takes] == take},
         )
         for take in parts[takes]
     ]
@@ -338,7 +336,7 @@ def _of_folders(inner: Mapping[Path, list[Clip]], notes: list[str]) -> list[Shoo
     named = of_folders > 0 or of_clips < of_folders == 0
     if within or (named and all(len(clips) > 1 for clips in inner.values())):
         return [_shoot(path.name, clips) for path, clips in inner.items()]
-    cameras = {name_like(path.name, f"cam{n}"): clips for n, (path, clips) in enumerate(inner.items())}
+    cameras = {label_of(path.name): clips for path, clips in inner.items()}
     if all(len(clips) == 1 for clips in cameras.values()):
         return [("", {name: clips[0] for name, clips in cameras.items()})]
     return _of_cameras(cameras, notes)
@@ -376,9 +374,9 @@ def _of_cameras(cameras: Mapping[str, Sequence[Clip]], notes: list[str]) -> list
 
 
 def _shoot(name: str, clips: Sequence[Clip]) -> Shoot:
-    names = [name_like(clip.path.stem, f"cam{number}") for number, clip in enumerate(clips)]
+    names = [label_of(clip.path.stem) for clip in clips]
     unique = [own if names.count(own) == 1 else f"{own}-{n}" for n, own in enumerate(names)]
-    return name_like(name, ""), dict(zip(unique, clips, strict=True))
+    return label_of(name), dict(zip(unique, clips, strict=True))
 
 
 def heard_together(one: Path, other: Path) -> bool:

@@ -8,7 +8,7 @@ from itertools import combinations, product
 from pathlib import Path
 
 from capture_app.common.errors import BadInputError
-from capture_app.common.names import natural_order
+from capture_app.common.names import label_key, natural_order
 from capture_app.common.text import count
 from capture_app.companions.importing.clips import CALIBRATION, find_shoots
 from capture_app.companions.importing.times.tables import find_tables
@@ -76,7 +76,7 @@ def _find_takes(folder: Path, options: FindOptions, states_times: bool) -> tuple
     takes = {
         take: [f"{camera}={clip.path}" for camera, clip in clips.items()]
         for take, clips in shoots
-        if options.recording in (None, take)
+        if options.recording is None or label_key(options.recording) == label_key(take)
     }
     beside, found = find_calibration(folder), []
     used = [beside] if beside else []

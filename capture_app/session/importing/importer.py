@@ -6,14 +6,13 @@ recognizes are plain images and videos.
 """
 
 import re
-from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cache
 from pathlib import Path
 
 from capture_app.common.errors import BadInputError
-from capture_app.common.names import is_name, name_like, natural_order
+from capture_app.common.names import folder_names, is_name, label_of, natural_order
 from capture_app.common.plugins import load_plugins
 from capture_app.common.text import command_line, count
 from capture_app.session.format.manifest import IMAGE_SUFFIXES
@@ -33,7 +32,7 @@ from capture_app.session.importing.views import Views
 GROUP = "simulshot.importers"
 _DATE = re.compile(r"(19|20)\d{6}")
 _Camera = tuple[str, Path, list[Path]]
-"""Name and path of a camera, and its image files if the folder has those of other cameras."""
+"""Label and path of a camera, and its image files if the folder has those of other cameras."""
 
 
 def _cannot_open(name: str, path: Path, *, png: bool, recording: str | None) -> Source:
@@ -118,28 +117,32 @@ def open_sources(paths: Sequence[str], *, png: bool = False, recording: str | No
             cameras += _cameras_in(path)
         else:
             own = path.resolve().name if path.is_dir() else path.stem
-            cameras.append((name or name_like(own, "cam0"), path, []))
+            cameras.append((name or label_of(own), path, []))
     if not cameras:
         raise BadInputError("nothing to import", hint="give a folder, or NAME=PATH for each camera")
-    [(name, times)] = Counter(name for name, *_ in cameras).most_common(1)
-    if times > 1:
-        raise BadInputError(f"two cameras are named {name}", hint="name them: NAME=PATH")
-    return [
-        image_folder(name, path, files) if files else _source(name, path, png, recording)
-        for name, path, files in sorted(cameras, key=lambda one: natural_order(one[0]))
-    ]
+    labels = [label for label, *_ in cameras]
+    names = dict(zip(folder_names(labels, "camera", "cam"), cameras, strict=True))
+    sources = []
+    for name, (label, path, files) in sorted(names.items(), key=lambda one: natural_order(one[0])):
+        source = image_folder(name, path, files) if files else _source(name, path, png, recording)
+        source.label = label
+        sources.append(source)
+    return sources
 
 
 def split_name(text: str) -> tuple[str, Path]:
-    """Split `NAME=PATH`; the name is empty if there is none. Raises BadInputError for a pipe or a device."""
-    name, separator, rest = text.partition("=")
-    named = bool(separator) and is_name(name) and not Path(text).exists()
+    """Split `NAME=PATH`; the label NAME is empty if there is none.
+
+    Raises BadInputError for a pipe or a device.
+    """
+    name, _, rest = text.partition("=")
+    named = bool(rest and name.strip()) and not re.search(r"[/\\]", name) and not Path(text).exists()
     path = Path(rest if named else text)
     if path.exists() and not (path.is_file() or path.is_dir()):
         raise BadInputError(
             f"{path} is neither a file nor a folder", hint="copy what it delivers into a file"
         )
-    return name if named else "", path
+    return label_of(name) if named else "", path
 
 
 def _by_label(images: Sequence[Path]) -> dict[str, list[Path]]:
@@ -230,7 +233,7 @@ def _cameras_in(folder: Path) -> list[_Camera]:
     if videos and folders:
         raise BadInputError(f"{folder} has both videos and folders of images", hint="name them: NAME=PATH")
     named = [(path.stem, path) for path in videos] + [(name, path) for path, name in folders.items()]
-    return [(name_like(name, f"cam{number}"), path, []) for number, (name, path) in enumerate(named)]
+    return [(label_of(name), path, []) for name, path in named]
 
 
 def image_cameras(folder: Path) -> dict[Path, str]:

@@ -73,8 +73,8 @@ async def test_what_was_not_acknowledged_is_sent_again_and_developed_once() -> N
     assert streams == 3
 
 
-async def test_a_path_that_takes_reports_and_no_images_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    """As one that drops large packets: all is ready there, and no image ever arrives."""
+async def test_a_path_that_takes_short_messages_only_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As one that drops large packets: all is ready there, and neither report nor image ever arrives."""
     monkeypatch.setattr("capture_app.node.camera.uploader.UPLOAD_ANSWER_TIMEOUT_S", 0.2)
     lost = asyncio.Event()
     said: list[str] = []

@@ -1,5 +1,6 @@
 """Sessions of fisheyes: their images are redrawn for perspective lenses, and depth is of what these see."""
 
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -68,12 +69,16 @@ def test_depth_of_fisheyes_is_right_where_the_redrawn_images_see(
     assert reconstruct("stereo", wide.folder, "--out", tmp_path / "depth").code == 0
 
 
+@pytest.mark.parametrize("source", ["session", "calibration.json"])
 def test_what_is_known_of_a_fisheye_is_checked_against_its_images(
-    wide: Session, reconstruct: Reconstruct
+    wide: Session, tmp_path: Path, reconstruct: Reconstruct, source: str
 ) -> None:
-    checked = reconstruct("calibrate", wide.folder, "--from", "session", "--json")
+    session = shutil.copytree(wide.folder, tmp_path / wide.folder.name)
+    given = source if source == "session" else shutil.move(session / source, tmp_path)
+    checked = reconstruct("calibrate", session, "--from", given, "--no-keep", "--json")
     assert checked.code == 0, checked.err
     assert msgspec.json.decode(checked.out)["quality"]["inlier_share"] > 0.6
+    assert Session.open(session).calibration().cameras["left"].is_fisheye
 
 
 def test_lenses_are_found_from_images(

@@ -31,6 +31,8 @@ exact   refuse them, unless the aspect ratio is the same: then scale
 crop    the images are the calibrated ones, cropped or extended at the right or the bottom
 scale   they are the calibrated ones, scaled separately along each axis
 """
+SAME_ASPECT = 1e-3
+"""Relative difference of the scales along both axes from which images are stretched."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -97,7 +99,12 @@ def fit_calibration(
         talk(said)
     cameras = {
         name: _camera(
-            f"{views.source}: camera {name}", views.cameras[labels[name]], size, METRES.get(given, 1.0), fit
+            f"{views.source}: camera {name}",
+            views.cameras[labels[name]],
+            size,
+            METRES.get(given, 1.0),
+            fit,
+            talk,
         )
         for name, size in sizes.items()
     }
@@ -111,11 +118,21 @@ def fit_calibration(
 
 
 def _camera(
-    where: str, given: View | CameraCalibration, size: tuple[int, int], metres: float, fit: Fit
+    where: str,
+    given: View | CameraCalibration,
+    size: tuple[int, int],
+    metres: float,
+    fit: Fit,
+    talk: Talk,
 ) -> CameraCalibration:
     turned = given.turned if isinstance(given, View) else ""
     camera = _of_view(where, given, size) if isinstance(given, View) else given
     x, y = _factors(where, (camera.width, camera.height), turned, size, fit)
+    if abs(x / y - 1) >= SAME_ASPECT:
+        talk(
+            f"{where} is taken for stretched images: {x:.3g} times as wide and {y:.3g} times as high as the "
+            "calibrated ones; if they are cut off instead, give --fit crop"
+        )
     camera = msgspec.structs.replace(
         camera,
         width=size[0],
@@ -170,7 +187,7 @@ def _factors(
             f"{where} is calibrated for {calibrated[0]}x{calibrated[1]} pixels", hint=EXPORT_AGAIN
         )
     x, y = size[0] / calibrated[0], size[1] / calibrated[1]
-    if fit != "exact" or abs(x / y - 1) < 1e-3:
+    if fit != "exact" or abs(x / y - 1) < SAME_ASPECT:
         return (1.0, 1.0) if fit == "crop" else (x, y)
     what = (
         f"{where} is calibrated for {calibrated[0]}x{calibrated[1]} pixels, its images are "

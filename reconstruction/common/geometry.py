@@ -36,8 +36,8 @@ class View:
     def from_calibration(cls, camera: CameraCalibration, width: int, height: int) -> Self:
         """Return the view of a camera for images of width x height px, scaled from its calibration's size."""
         lens = replace(lens_of(camera), matrix=camera.matrix(width, height))
-        view = cls.from_lens(lens, (width, height), np.array(camera.rotation), np.array(camera.translation))
-        return replace(view, seen_deg=camera.seen_deg)
+        pose = np.array(camera.rotation), np.array(camera.translation)
+        return replace(cls.from_lens(lens, (width, height), *pose), seen_deg=camera.seen_deg)
 
     @classmethod
     def from_lens(cls, lens: Lens, size: tuple[int, int], rotation: Array, translation: Array) -> Self:
@@ -70,6 +70,10 @@ class View:
     def undistorted(self) -> Self:
         """The same view without lens distortion, as undistorted images have it."""
         return replace(self, distortion=np.zeros(5), is_fisheye=False)
+
+    def magnified(self, factor: float) -> Self:
+        """Return the same view with focal lengths that are longer by a factor."""
+        return replace(self, matrix=self.matrix * [[factor, 1, 1], [1, factor, 1], [1, 1, 1]])
 
     def undistort_image(self, image: Array) -> Array:
         """Return an image of this view as `undistorted` sees it; the image itself without distortion."""

@@ -135,7 +135,7 @@ class CalibrateResult(msgspec.Struct, frozen=True, kw_only=True):
     unit: str
     quality: CalibrationQuality
     check: CalibrationCheck | None = None
-    """Check for moved cameras; only for a calibration that was not computed here."""
+    """Check against points at rest; None for structure from motion, which they gave."""
     board: BoardCoverage | None = None
     """For a board: the image parts that it covered, and what would improve the calibration."""
     errors: dict[str, CameraErrors] = {}
@@ -160,7 +160,7 @@ def calibrate(session: Path, options: CalibrateOptions) -> CalibrateResult:
     if stores and target.exists() and not options.force:
         raise BadInputError(f"{session} has a calibration already", hint="--replace overwrites it")
     found = _candidate(scene, options)
-    calibration, board, check = found.calibration, found.board, found.check
+    calibration, board = found.calibration, found.board
     views, faults = sound_views(dataset, calibration)
     refuse_faults(dataset, views, faults)
     for name, text in faults:
@@ -172,10 +172,15 @@ def calibrate(session: Path, options: CalibrateOptions) -> CalibrateResult:
         refuse_bad_calibration(
             quality, len(dataset.cameras), f", {GIVE_LENSES}" if calibration.known_lenses.is_guess else ""
         )
+    check = (
+        None
+        if options.source is CalibrationSource.SFM
+        else check_rig(views, scene.features.middle, calibration.known_lenses)
+    )
     if check is not None and not check.holds:
         raise BadInputError(
-            f"this calibration no longer holds: {check}",
-            hint="calibrate the rig again, from a board",
+            f"this calibration does not hold for these pictures: {check}",
+            hint="calibrate the rig from a board that is tilted and reaches the pictures' corners",
         )
     if options.rescales:
         calibration = _rescaled(dataset, calibration, options)
@@ -216,8 +221,6 @@ class _Candidate:
     shared: SharedPoints
     board: BoardCoverage | None = None
     errors: Mapping[str, CameraErrors] = field(default_factory=dict)
-    check: CalibrationCheck | None = None
-    """Check for moved cameras; only for a calibration that was not computed here."""
 
 
 def _candidate(scene: Scene, options: CalibrateOptions) -> _Candidate:
@@ -333,8 +336,7 @@ def _from_elsewhere(scene: Scene, source: CalibrationSource | Path) -> _Candidat
     features, (views, faults) = scene.features.middle, sound_views(dataset, calibration)
     # A calibration that is judged, and may be stored, must have no fault at all.
     refuse_faults(dataset, (), faults)
-    shared = _still_points(features, views)
-    return _Candidate(calibration=calibration, shared=shared, check=check_rig(views, features))
+    return _Candidate(calibration=calibration, shared=_still_points(features, views))
 
 
 def read_calibration(dataset: Dataset, path: Path) -> Calibration:

@@ -21,7 +21,12 @@ from reconstruction.common.geometry import View
 from reconstruction.common.image_files import FAST_PNG, write_image
 from reconstruction.common.memory import memory_budget
 from reconstruction.common.native_libraries import ForeignError
-from reconstruction.scene.calibration.consistency import fit_one_plane, lens_knowledge
+from reconstruction.scene.calibration.consistency import (
+    GIVEN_ERROR,
+    MAX_BELIEVED,
+    fit_one_plane,
+    lens_knowledge,
+)
 from reconstruction.scene.dataset import Dataset
 from reconstruction.scene.moving_pixels import SceneMotion
 
@@ -31,10 +36,6 @@ MAX_FOCAL_RATIO = 1.25
 """Maximum ratio of a found to the likely focal length; equivalent ones are rounded to whole millimetres."""
 MAX_PERSPECTIVE_DEG = 175.0
 WIDEST_DEG = 100.0
-MAX_BELIEVED = 0.08
-"""Maximum relative 95 % error of focal lengths at which the images are believed against a given one."""
-GIVEN_ERROR = 0.04
-"""Relative error that a given field of view is granted: data sheets and EXIF are rounded."""
 STARTS = (1.0, 1 - GIVEN_ERROR, 1 + GIVEN_ERROR)
 """Factors of given focal lengths from which these are sought. By the exact one, both poses that a plane
 allows fit a pair equally, and COLMAP's choices for several pairs may contradict each other."""

@@ -75,7 +75,7 @@ def doors(session: Session, root: Path, calibration: Calibration) -> Iterator[tu
     yield "an export", read_record(root).calibration or calibration
 
 
-@settings(max_examples=20, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=10, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(lens=lenses())
 def test_every_reader_finds_the_rays(lens: CameraCalibration, session: Session, tmp_path: Path) -> None:
     known = LensKnowledge(level="not", why="nobody saw it")

@@ -125,8 +125,7 @@ def _camera(
     fit: Fit,
     talk: Talk,
 ) -> CameraCalibration:
-    turned = given.turned if isinstance(given, View) else ""
-    camera = _of_view(where, given, size) if isinstance(given, View) else given
+    camera, turned = (_of_view(where, given, size), given.turned) if isinstance(given, View) else (given, "")
     x, y = _factors(where, (camera.width, camera.height), turned, size, fit)
     if abs(x / y - 1) >= SAME_ASPECT:
         talk(

@@ -135,7 +135,7 @@ class CalibrateResult(msgspec.Struct, frozen=True, kw_only=True):
     unit: str
     quality: CalibrationQuality
     check: CalibrationCheck | None = None
-    """Check against points at rest; None for structure from motion, which they gave."""
+    """Check against points at rest; only for a calibration that was not computed here."""
     board: BoardCoverage | None = None
     """For a board: the image parts that it covered, and what would improve the calibration."""
     errors: dict[str, CameraErrors] = {}
@@ -177,7 +177,8 @@ def calibrate(session: Path, options: CalibrateOptions) -> CalibrateResult:
         if options.source is CalibrationSource.SFM
         else check_rig(views, scene.features.middle, calibration.known_lenses)
     )
-    if check is not None and not check.holds:
+    # Besides a board, there may be no more than its squares at rest, which are taken for each other.
+    if check is not None and not check.holds and (board is None or check.by_lenses):
         raise BadInputError(
             f"this calibration does not hold for these pictures: {check}",
             hint="calibrate the rig from a board that is tilted and reaches the pictures' corners",
@@ -194,7 +195,7 @@ def calibrate(session: Path, options: CalibrateOptions) -> CalibrateResult:
         missing=tuple(name for name in dataset.cameras if name not in views),
         unit=calibration.unit,
         quality=quality,
-        check=check,
+        check=check if board is None else None,
         board=board,
         errors={name: errors for name, errors in found.errors.items() if name in views},
         stored=stores,

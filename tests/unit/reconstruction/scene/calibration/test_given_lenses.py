@@ -8,15 +8,18 @@ import msgspec
 import numpy as np
 import pytest
 
+from capture_app.board.boards import DEFAULT_BOARD
 from capture_app.session.format.calibration import LensKnowledge
 from capture_app.session.format.manifest import MANIFEST
 from capture_app.session.reading.reader import Session
 from reconstruction.common.geometry import View
+from reconstruction.scene import calibration_run
 from reconstruction.scene.calibration.consistency import (
     check_rig,
     judge_focal_lengths,
     sampson_distances,
 )
+from reconstruction.scene.dataset import Dataset
 from reconstruction.scene.pairs import Features
 from reconstruction.scene.scene import Scene
 from tests.unit.reconstruction.conftest import Reconstruct, make_view, write_session
@@ -118,6 +121,29 @@ def test_every_door_refuses_what_the_pictures_contradict(
     assert given.code != 0
     check_figures(given.complaint, "a", 1.2)
     assert not (bare.folder / "calibration.json").exists()
+
+
+@pytest.mark.parametrize(("views", "is_refused"), [(zoomed(1.2, *RIG), True), (RIG, False)])
+def test_a_board_is_no_better_witness(
+    bare: Session,  # noqa: F811
+    tmp_path: Path,
+    reconstruct: Reconstruct,
+    monkeypatch: pytest.MonkeyPatch,
+    views: dict[str, View],
+    is_refused: bool,
+) -> None:
+    """What the board gave is judged by the points at rest of the same pictures."""
+    folder = shutil.copytree(bare.folder, tmp_path / "session")
+    by_board = calibration_run._Candidate(
+        calibration=calibration(views),
+        shared=calibration_run._still_points(Scene.open_raw(folder).features.middle, views),
+        board=calibration_run.count_coverage(Dataset(bare), DEFAULT_BOARD, {}),
+    )
+    monkeypatch.setattr(calibration_run, "_from_board", lambda *given: by_board)
+    outcome = reconstruct("calibrate", folder, "--from", "board")
+    assert (folder / "calibration.json").exists() != is_refused
+    if is_refused:
+        check_figures(outcome.complaint, "a", 1.2)
 
 
 def opened(session: Session, root: Path, views: dict[str, View], origin: str) -> Scene:

@@ -117,9 +117,7 @@ class Dataset:
         straight._fisheyes, straight._read = fisheyes, straight._image_cache()
         for name, lenses in fisheyes.items():
             whole, used = (lens_of(lens).field_deg(lens.width) for lens in lenses)
-            talk(
-                f"{name} is a fisheye: {used:.0f} of its {whole:.0f} degrees are used across, for straight lines"
-            )
+            talk(f"{name} is a fisheye: {used:.0f} of its {whole:.0f} degrees across are used")
         return straight
 
     def straight_calibration(self, calibration: Calibration) -> Calibration:

@@ -236,7 +236,7 @@ def judge_focal_lengths(
 ) -> tuple[str, bool]:
     """Return what contradicts focal lengths, with both figures, and whether points at rest confirm them.
 
-    One scale of the focal lengths of `names` is fitted to points that pairs share, by Gauss-Newton of Sampson's
+    One scale of the focal lengths of `names` is fitted to points that pairs share: Gauss-Newton of Sampson's
     distances with Cauchy's weights; poses stay. Its error is robust to residuals that are correlated within a
     quarter of a pair's picture (Liang and Zeger, 1986), such as those of a turned camera. Points contradict
     what they do not fit if they fit another scale within `well_px`, in the median.

@@ -126,7 +126,7 @@ def field_of_view_deg(camera: CameraCalibration, focal_px: float) -> float:
 
 
 def plain_focal_px(camera: CameraCalibration) -> float:
-    """Return the focal length with which a lens without distortion has this one's horizontal field of view."""
+    """Return the focal length of a lens without distortion that has this one's horizontal field of view."""
     half = math.radians(lens_of(camera).field_deg(camera.width)) / 2
     return camera.width / 2 / (half if camera.is_fisheye else math.tan(half))
 

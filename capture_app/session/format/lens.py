@@ -95,7 +95,7 @@ class Lens:
         return np.asarray(rays)
 
     def field_deg(self, width: int) -> float:
-        """Return the horizontal field of view, degrees, of an image of this width, or up to where it folds."""
+        """Return the horizontal field of view, degrees, of an image of this width, or to where it folds."""
         angles = np.linspace(0, np.radians(110.0 if self.is_fisheye else 89.9), 5000)
         radii = np.maximum.accumulate(self._bend(angles if self.is_fisheye else np.tan(angles)))
         edges = np.abs(np.array([-0.5, width - 0.5]) - self.matrix[0, 2]) / self.matrix[0, 0]

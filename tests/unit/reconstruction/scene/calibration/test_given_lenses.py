@@ -14,11 +14,13 @@ from capture_app.session.format.manifest import MANIFEST
 from capture_app.session.reading.reader import Session
 from reconstruction.common.geometry import View
 from reconstruction.scene import calibration_run
+from reconstruction.scene.calibration.board_calibration import count_coverage
 from reconstruction.scene.calibration.consistency import (
     check_rig,
     judge_focal_lengths,
     sampson_distances,
 )
+from reconstruction.scene.calibration.stored import keep_calibration
 from reconstruction.scene.dataset import Dataset
 from reconstruction.scene.pairs import Features
 from reconstruction.scene.scene import Scene
@@ -123,6 +125,15 @@ def test_every_door_refuses_what_the_pictures_contradict(
     assert not (bare.folder / "calibration.json").exists()
 
 
+def test_a_kept_calibration_with_wrong_lenses_is_not_used(
+    bare: Session,  # noqa: F811
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    keep_calibration(Dataset(bare), calibration(zoomed(1.2, *RIG)))
+    assert Scene.open(bare.folder).given is None
+    check_figures(capsys.readouterr().err, "a", 1.2)
+
+
 @pytest.mark.parametrize(("views", "is_refused"), [(zoomed(1.2, *RIG), True), (RIG, False)])
 def test_a_board_is_no_better_witness(
     bare: Session,  # noqa: F811
@@ -137,7 +148,7 @@ def test_a_board_is_no_better_witness(
     by_board = calibration_run._Candidate(
         calibration=calibration(views),
         shared=calibration_run._still_points(Scene.open_raw(folder).features.middle, views),
-        board=calibration_run.count_coverage(Dataset(bare), DEFAULT_BOARD, {}),
+        board=count_coverage(Dataset(bare), DEFAULT_BOARD, {}),
     )
     monkeypatch.setattr(calibration_run, "_from_board", lambda *given: by_board)
     outcome = reconstruct("calibrate", folder, "--from", "board")

@@ -101,10 +101,7 @@ def measure_rig(seed: int, number: int) -> list[dict[str, Any]]:
         talk(f"rig {number}: {error}")
         return []
     poses = {"a": (np.eye(3), np.zeros(3)), "b": pose}
-    views = {
-        name: View(*size, lens.matrix, lens.distortion, *poses[name], lens.is_fisheye)
-        for name, lens in lenses.items()
-    }
+    views = {name: View.from_lens(lens, size, *poses[name]) for name, lens in lenses.items()}
     found = adjust_bundle(views, seen)
     return [compare(kind, truth, found.views, name, found.errors[name]) for name in truth]
 

@@ -29,7 +29,7 @@ from benchmarks.report import new_parser, print_report, print_rows, talk
 from capture_app.board.boards import DEFAULT_BOARD
 from capture_app.plugins.cameras.sim.rendering import layers as still
 from capture_app.plugins.cameras.sim.rendering.scene import develop
-from capture_app.session.exporting.pinhole import straight_lens, unused_part
+from capture_app.session.exporting.pinhole import straight_lens
 from capture_app.session.files.untrusted_files import read_arrays
 from capture_app.session.format.calibration import Calibration, CameraCalibration
 from capture_app.session.format.lens import Lens, lens_of
@@ -141,6 +141,16 @@ def write_session(
     height, width = next(iter(pictures[0].values())).shape[:2]
     facts = make_facts(width=width, height=height)
     return writer.finish([CameraRecord(name=c, facts=facts) for c in pictures[0]], burst, [], "simulated")
+
+
+def unused_part(fisheye: CameraCalibration) -> float:
+    """Return the fraction of a fisheye's pixels that `straight_lens` does not see."""
+    lens, straight = lens_of(fisheye), lens_of(straight_lens(fisheye))
+    size = np.array([fisheye.width, fisheye.height])
+    across, down = np.meshgrid(*(np.linspace(0, side - 1, 60) for side in size))
+    pixels = np.column_stack([across.ravel(), down.ravel()])
+    seen = straight.project(lens.rays(pixels))
+    return 1 - float((lens.known(pixels) & (seen >= -0.5).all(1) & (seen <= size - 0.5).all(1)).mean())
 
 
 def measure_rig(rig: str, folder: Path, scale: float) -> dict[str, Any]:

@@ -9,7 +9,7 @@ import numpy.typing as npt
 from msgspec import UNSET, UnsetType
 
 from capture_app.session.format.calibration import CameraCalibration
-from capture_app.session.format.lens import Lens, distortion_of
+from capture_app.session.format.lens import Lens, lens_of
 
 Array = npt.NDArray[Any]
 """An array; its type and shape are in the docstring of what uses it."""
@@ -35,9 +35,14 @@ class View:
     @classmethod
     def from_calibration(cls, camera: CameraCalibration, width: int, height: int) -> Self:
         """Return the view of a camera for images of width x height px, scaled from its calibration's size."""
-        matrix = camera.matrix(width, height)
-        lens = matrix, distortion_of(camera), np.array(camera.rotation), np.array(camera.translation)
-        return cls(width, height, *lens, camera.is_fisheye, camera.seen_deg)
+        lens = replace(lens_of(camera), matrix=camera.matrix(width, height))
+        pose = np.array(camera.rotation), np.array(camera.translation)
+        return replace(cls.from_lens(lens, (width, height), *pose), seen_deg=camera.seen_deg)
+
+    @classmethod
+    def from_lens(cls, lens: Lens, size: tuple[int, int], rotation: Array, translation: Array) -> Self:
+        """Return the view of a lens with images of this size (px) at a pose."""
+        return cls(*size, lens.matrix, lens.distortion, rotation, translation, lens.is_fisheye)
 
     @cached_property
     def lens(self) -> Lens:
@@ -65,6 +70,10 @@ class View:
     def undistorted(self) -> Self:
         """The same view without lens distortion, as undistorted images have it."""
         return replace(self, distortion=np.zeros(5), is_fisheye=False)
+
+    def magnified(self, factor: float) -> Self:
+        """Return the same view with focal lengths that are longer by a factor."""
+        return replace(self, matrix=self.matrix * [[factor, 1, 1], [1, factor, 1], [1, 1, 1]])
 
     def undistort_image(self, image: Array) -> Array:
         """Return an image of this view as `undistorted` sees it; the image itself without distortion."""

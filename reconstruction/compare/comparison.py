@@ -25,7 +25,6 @@ from reconstruction.method.score import TIMING, Context, Score, say_all, study_r
 from reconstruction.method.timing import Timing, measure_pair_timing, measure_rig_timing, with_depth
 from reconstruction.report.comparison_report import report_words, write_report
 from reconstruction.report.findings import verdict
-from reconstruction.scene.calibration.consistency import check_rig
 from reconstruction.scene.conditions import (
     Condition,
     evenly_spaced,
@@ -184,10 +183,9 @@ class Comparison:
         self.known["moving_share"] = self.context.compared.moving_share(shown)
         progress.step("calibration")
         if not scene.problem:
-            with suppress(BadInputError):
-                check = check_rig(scene.views, self.context.compared.features.middle)
-                px = None if check.error_px is None else round(check.error_px, 3)
-                self.known |= {"rest_error_px": px, "rest_points": check.points}
+            check = self.context.compared.check
+            px = None if check.error_px is None else round(check.error_px, 3)
+            self.known |= {"rest_error_px": px, "rest_points": check.points}
         progress.step("choosing cameras")
 
     def measure_studies(self) -> Generator[tuple[str, ...], None, None]:

@@ -126,7 +126,7 @@ def _believed(result: CompareResult) -> list[tuple[type[Score], StudyResult[Any]
 def _misfit_sentence(result: CompareResult) -> str:
     """Return a sentence on a calibration that points at rest do not fit; empty if they do."""
     px = result.rest_error_px
-    if px is None or px < INACCURATE_PX:
+    if px is None or px < INACCURATE_PX or result.lenses.doubt():
         return ""
     text = describe_misfit(px, result.rest_points, "calibrate the rig again")
     return f"{text[0].upper()}{text[1:]}."

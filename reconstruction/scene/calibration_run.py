@@ -135,7 +135,7 @@ class CalibrateResult(msgspec.Struct, frozen=True, kw_only=True):
     unit: str
     quality: CalibrationQuality
     check: CalibrationCheck | None = None
-    """Check for moved cameras; only for a calibration that was not computed here."""
+    """Check against points at rest; only for a calibration that was not computed here."""
     board: BoardCoverage | None = None
     """For a board: the image parts that it covered, and what would improve the calibration."""
     errors: dict[str, CameraErrors] = {}
@@ -160,7 +160,7 @@ def calibrate(session: Path, options: CalibrateOptions) -> CalibrateResult:
     if stores and target.exists() and not options.force:
         raise BadInputError(f"{session} has a calibration already", hint="--replace overwrites it")
     found = _candidate(scene, options)
-    calibration, board, check = found.calibration, found.board, found.check
+    calibration, board = found.calibration, found.board
     views, faults = sound_views(dataset, calibration)
     refuse_faults(dataset, views, faults)
     for name, text in faults:
@@ -172,10 +172,16 @@ def calibrate(session: Path, options: CalibrateOptions) -> CalibrateResult:
         refuse_bad_calibration(
             quality, len(dataset.cameras), f", {GIVE_LENSES}" if calibration.known_lenses.is_guess else ""
         )
-    if check is not None and not check.holds:
+    check = (
+        None
+        if options.source is CalibrationSource.SFM
+        else check_rig(views, scene.features.middle, calibration.known_lenses)
+    )
+    # Besides a board, there may be no more than its squares at rest, which are taken for each other.
+    if check is not None and not check.holds and (board is None or check.by_lenses):
         raise BadInputError(
-            f"this calibration no longer holds: {check}",
-            hint="calibrate the rig again, from a board",
+            f"this calibration does not hold for these pictures: {check}",
+            hint="calibrate the rig from a board that is tilted and reaches the pictures' corners",
         )
     if options.rescales:
         calibration = _rescaled(dataset, calibration, options)
@@ -189,7 +195,7 @@ def calibrate(session: Path, options: CalibrateOptions) -> CalibrateResult:
         missing=tuple(name for name in dataset.cameras if name not in views),
         unit=calibration.unit,
         quality=quality,
-        check=check,
+        check=check if board is None else None,
         board=board,
         errors={name: errors for name, errors in found.errors.items() if name in views},
         stored=stores,
@@ -216,8 +222,6 @@ class _Candidate:
     shared: SharedPoints
     board: BoardCoverage | None = None
     errors: Mapping[str, CameraErrors] = field(default_factory=dict)
-    check: CalibrationCheck | None = None
-    """Check for moved cameras; only for a calibration that was not computed here."""
 
 
 def _candidate(scene: Scene, options: CalibrateOptions) -> _Candidate:
@@ -333,8 +337,7 @@ def _from_elsewhere(scene: Scene, source: CalibrationSource | Path) -> _Candidat
     features, (views, faults) = scene.features.middle, sound_views(dataset, calibration)
     # A calibration that is judged, and may be stored, must have no fault at all.
     refuse_faults(dataset, (), faults)
-    shared = _still_points(features, views)
-    return _Candidate(calibration=calibration, shared=shared, check=check_rig(views, features))
+    return _Candidate(calibration=calibration, shared=_still_points(features, views))
 
 
 def read_calibration(dataset: Dataset, path: Path) -> Calibration:

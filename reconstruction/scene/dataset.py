@@ -15,11 +15,12 @@ from capture_app.common.camera_facts import unshared_uncertainties_ns
 from capture_app.common.errors import BadInputError, IncompleteError, NotApplicableError, reading
 from capture_app.common.instants import is_same_instant
 from capture_app.console.terminal import talk
-from capture_app.session.exporting.pinhole import straight_lens, unused_part
+from capture_app.session.exporting.pinhole import straight_lens
 from capture_app.session.files.untrusted_files import RESTORE_IMAGE
 from capture_app.session.format.calibration import Calibration, CameraCalibration
 from capture_app.session.format.calibration_judge import camera_fault
 from capture_app.session.format.camera_labels import require_camera
+from capture_app.session.format.lens import lens_of
 from capture_app.session.format.manifest import FrameRecord, ImageRecord
 from capture_app.session.reading.reader import Session
 from reconstruction.common.geometry import Array, View
@@ -118,8 +119,9 @@ class Dataset:
             return self
         straight = copy(self)
         straight._fisheyes, straight._read = fisheyes, straight._image_cache()
-        for name, (lens, _) in fisheyes.items():
-            talk(f"{name} is a fisheye: the outer {100 * unused_part(lens):.0f} % of its picture is not used")
+        for name, lenses in fisheyes.items():
+            whole, used = (lens_of(lens).field_deg(lens.width) for lens in lenses)
+            talk(f"{name} is a fisheye: {used:.0f} of its {whole:.0f} degrees across are used")
         return straight
 
     def straight_calibration(self, calibration: Calibration) -> Calibration:

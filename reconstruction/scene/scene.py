@@ -2,6 +2,7 @@
 
 import threading
 from collections.abc import Callable, Container, Hashable, Mapping, Sequence
+from contextlib import suppress
 from copy import copy
 from pathlib import Path
 from typing import Any, Self, TypeVar, cast
@@ -11,6 +12,7 @@ import numpy as np
 from capture_app.common.errors import BadInputError, NotAvailableError
 from capture_app.session.format.calibration import Calibration, LensKnowledge
 from reconstruction.common.geometry import View
+from reconstruction.scene.calibration.consistency import CalibrationCheck, check_rig
 from reconstruction.scene.calibration.soundness import calibrated_views
 from reconstruction.scene.calibration.stored import choose_calibration, known_calibration
 from reconstruction.scene.calibration.structure_from_motion import guess_calibration
@@ -134,9 +136,30 @@ class Scene:
         return "none" if self.problem else self.calibration.source_words
 
     @property
+    def check(self) -> CalibrationCheck:
+        """The check of the calibration against points at rest; raises as `calibration`."""
+
+        def make() -> CalibrationCheck:
+            with suppress(BadInputError):
+                return check_rig(self.views, self.features.middle, self.calibration.known_lenses)
+            return check_rig(self.views, {})
+
+        return self.once("check", make)
+
+    @property
     def lenses(self) -> LensKnowledge:
-        """How well the calibration knows its focal lengths."""
-        return LensKnowledge() if self.problem else self.calibration.known_lenses
+        """How well the focal lengths are known: by what their calibration states, and by points at rest."""
+        known = LensKnowledge() if self.problem else self.calibration.known_lenses
+        # Focal lengths that these images gave are judged already.
+        if self.problem or self.given is None or known.level == "not":
+            return known
+        wrong, is_simulated = self.check.by_lenses, self.dataset.session.manifest.origin == "simulated"
+        if wrong or not (known.why or is_simulated or self.check.confirms_lenses):
+            return LensKnowledge(
+                level="not" if wrong else "roughly",
+                why=wrong or "these pictures do not confirm those that were given",
+            )
+        return known
 
     @property
     def unit(self) -> str:

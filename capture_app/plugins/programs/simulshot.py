@@ -3,8 +3,6 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-import numpy as np
-
 from capture_app.common.errors import BadInputError
 from capture_app.session.files.untrusted_files import read_struct
 from capture_app.session.format.calibration import Calibration
@@ -13,7 +11,7 @@ from capture_app.session.format.manifest import CALIBRATION, IMAGE_SUFFIXES
 from capture_app.session.importing.exported_session import Place, exported_files, exported_layout
 from capture_app.session.importing.importer import Importer
 from capture_app.session.importing.recording_sources import VIDEO_SUFFIXES, Images, Layout, Source, Video
-from capture_app.session.importing.views import View, Views, pinhole, read_json
+from capture_app.session.importing.views import Views, read_json
 
 
 def open_recording(path: Path, *, png: bool, recording: str | None) -> Layout | None:
@@ -59,17 +57,7 @@ def read_calibration(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) 
     if not isinstance(content, dict) or not isinstance(content.get("cameras"), dict) or "frames" in content:
         return None
     own = read_struct(path, Calibration, 1)
-    views = {
-        name: View(
-            matrix=pinhole(camera.fx, camera.fy, camera.cx, camera.cy),
-            distortion=np.array(camera.distortion, np.float64),
-            rotation=np.array(camera.rotation, np.float64),
-            translation=np.array(camera.translation, np.float64),
-            size=(camera.width, camera.height),
-        )
-        for name, camera in own.cameras.items()
-    }
-    return Views(views, own.source or path.name, own.unit)
+    return Views(own.cameras, own.source or path.name, own.unit, lenses=own.lenses)
 
 
 IMPORTER = Importer(

@@ -73,16 +73,6 @@ def straight_lens(fisheye: CameraCalibration) -> CameraCalibration:
     return centred_pinhole(fisheye, *size, max(widest, min_focal(fisheye, *size)))
 
 
-def unused_part(fisheye: CameraCalibration) -> float:
-    """Return the fraction of a fisheye's pixels that `straight_lens` does not see."""
-    lens, straight = lens_of(fisheye), lens_of(straight_lens(fisheye))
-    size = np.array([fisheye.width, fisheye.height])
-    across, down = np.meshgrid(*(np.linspace(0, side - 1, 60) for side in size))
-    pixels = np.column_stack([across.ravel(), down.ravel()])
-    seen = straight.project(lens.rays(pixels))
-    return 1 - float((lens.known(pixels) & (seen >= -0.5).all(1) & (seen <= size - 0.5).all(1)).mean())
-
-
 def min_focal(camera: CameraCalibration, width: int, height: int) -> float:
     """Return the shortest focal length, px, at which the camera's image fills a picture of this size.
 

@@ -94,6 +94,13 @@ class Lens:
             shift = self._tangential(rays)
         return np.asarray(rays)
 
+    def field_deg(self, width: int) -> float:
+        """Return the horizontal field of view, degrees, of an image of this width, or to where it folds."""
+        angles = np.linspace(0, np.radians(110.0 if self.is_fisheye else 89.9), 5000)
+        radii = np.maximum.accumulate(self._bend(angles if self.is_fisheye else np.tan(angles)))
+        edges = np.abs(np.array([-0.5, width - 0.5]) - self.matrix[0, 2]) / self.matrix[0, 0]
+        return float(np.degrees(np.interp(edges, radii, angles, right=angles[radii.argmax()]).sum()))
+
     def known(self, pixels: Array) -> NDArray[np.bool_]:
         """Return which pixels (n, 2) have a ray."""
         return np.asarray(np.linalg.norm(self._flat(pixels), axis=1) <= self.limit[1] * (1 + 1e-9))

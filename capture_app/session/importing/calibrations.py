@@ -19,7 +19,7 @@ from capture_app.session.format.calibration import (
 from capture_app.session.format.calibration_judge import check_lens, rig_faults
 from capture_app.session.format.camera_labels import describe_pairs, pair_labels
 from capture_app.session.format.export_record import ExportRecord
-from capture_app.session.format.lens import Array, distortion_of
+from capture_app.session.format.lens import Array, distortion_of, rotation_of, translation_of
 from capture_app.session.importing.importer import load_importers, split_name
 from capture_app.session.importing.recording_sources import Layout
 from capture_app.session.importing.views import EXPORT_AGAIN, View, Views, read_json, root_of
@@ -31,6 +31,8 @@ exact   refuse them, unless the aspect ratio is the same: then scale
 crop    the images are the calibrated ones, cropped or extended at the right or the bottom
 scale   they are the calibrated ones, scaled separately along each axis
 """
+SAME_ASPECT = 1e-3
+"""Relative difference of the scales along both axes from which images are stretched."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -99,7 +101,12 @@ def fit_calibration(
         talk(said)
     cameras = {
         name: _camera(
-            f"{views.source}: camera {name}", views.cameras[pairs[name]], size, METRES.get(given, 1.0), fit
+            f"{views.source}: camera {name}",
+            views.cameras[pairs[name]],
+            size,
+            METRES.get(given, 1.0),
+            fit,
+            talk,
         )
         for name, size in sizes.items()
     }
@@ -109,25 +116,46 @@ def fit_calibration(
             raise BadInputError(f"{views.source}: {why}", hint="state the unit of its lengths: --unit mm")
         talk(f"{name} is left out of the calibration: {why}")
         del cameras[name]
-    return Calibration(cameras=cameras, unit=given, source=views.source)
+    return Calibration(cameras=cameras, unit=given, source=views.source, lenses=views.lenses)
 
 
-def _camera(where: str, view: View, size: tuple[int, int], metres: float, fit: Fit) -> CameraCalibration:
+def _camera(
+    where: str,
+    given: View | CameraCalibration,
+    size: tuple[int, int],
+    metres: float,
+    fit: Fit,
+    talk: Talk,
+) -> CameraCalibration:
+    camera, turned = (_of_view(where, given, size), given.turned) if isinstance(given, View) else (given, "")
+    x, y = _factors(where, (camera.width, camera.height), turned, size, fit)
+    if abs(x / y - 1) >= SAME_ASPECT:
+        talk(
+            f"{where} is taken for stretched images: {x:.3g} times as wide and {y:.3g} times as high as the "
+            "calibrated ones; if they are cut off instead, give --fit crop"
+        )
+    camera = msgspec.structs.replace(
+        camera,
+        width=size[0],
+        height=size[1],
+        fx=camera.fx * x,
+        fy=camera.fy * y,
+        cx=(camera.cx + 0.5) * x - 0.5,
+        cy=(camera.cy + 0.5) * y - 0.5,
+        translation=(*(translation_of(camera) * metres).tolist(),),
+    )
+    check_lens(where, camera)
+    left, _, right = np.linalg.svd(rotation_of(camera))
+    return msgspec.structs.replace(
+        camera, rotation=_rows(left @ right), distortion=(*distortion_of(camera).tolist(),)
+    )
+
+
+def _of_view(where: str, view: View, size: tuple[int, int]) -> CameraCalibration:
+    """Return another program's camera as ours, of images of `size` if its file does not state theirs."""
     if not np.isfinite(view.matrix).all():
         raise BadInputError(f"{where} has numbers that are not finite", hint=EXPORT_AGAIN)
     (fx, skew, cx), (_, fy, cy), _ = view.matrix.tolist()
-    camera = CameraCalibration(
-        width=size[0],
-        height=size[1],
-        fx=fx,
-        fy=fy,
-        cx=cx,
-        cy=cy,
-        rotation=_rows(view.rotation),
-        translation=(*(view.translation.ravel() * metres).tolist(),),
-        distortion=(*view.distortion.ravel().tolist(),),
-        model="fisheye" if view.is_fisheye else msgspec.UNSET,
-    )
     if abs(skew) > 0.01:
         raise BadInputError(
             f"{where} has a skew of {skew:.3g} pixels; only a skew of 0 is supported",
@@ -135,27 +163,32 @@ def _camera(where: str, view: View, size: tuple[int, int], metres: float, fit: F
         )
     if abs(view.matrix[2] - [0, 0, 1]).max() > 1e-6:
         raise BadInputError(f"{where} has no camera matrix: its last row is not 0, 0, 1", hint=EXPORT_AGAIN)
-    x, y = _factors(where, view, size, fit)
-    camera = msgspec.structs.replace(
-        camera, fx=fx * x, fy=fy * y, cx=(cx + 0.5) * x - 0.5, cy=(cy + 0.5) * y - 0.5
-    )
-    check_lens(where, camera)
-    left, _, right = np.linalg.svd(view.rotation)
-    return msgspec.structs.replace(
-        camera, rotation=_rows(left @ right), distortion=(*distortion_of(camera).tolist(),)
+    (width, height), (x, y, z) = view.size or size, view.translation.ravel().tolist()
+    return CameraCalibration(
+        width=width,
+        height=height,
+        fx=fx,
+        fy=fy,
+        cx=cx,
+        cy=cy,
+        rotation=_rows(view.rotation),
+        translation=(x, y, z),
+        distortion=(*view.distortion.ravel().tolist(),),
+        model="fisheye" if view.is_fisheye else msgspec.UNSET,
     )
 
 
-def _factors(where: str, view: View, size: tuple[int, int], fit: Fit) -> tuple[float, float]:
-    calibrated = view.size
-    if calibrated is None or calibrated == size:
+def _factors(
+    where: str, calibrated: tuple[int, int], turned: str, size: tuple[int, int], fit: Fit
+) -> tuple[float, float]:
+    if calibrated == size:
         return 1.0, 1.0
     if min(calibrated) < 1:
         raise BadInputError(
             f"{where} is calibrated for {calibrated[0]}x{calibrated[1]} pixels", hint=EXPORT_AGAIN
         )
     x, y = size[0] / calibrated[0], size[1] / calibrated[1]
-    if fit != "exact" or abs(x / y - 1) < 1e-3:
+    if fit != "exact" or abs(x / y - 1) < SAME_ASPECT:
         return (1.0, 1.0) if fit == "crop" else (x, y)
     what = (
         f"{where} is calibrated for {calibrated[0]}x{calibrated[1]} pixels, its images are "
@@ -163,7 +196,7 @@ def _factors(where: str, view: View, size: tuple[int, int], fit: Fit) -> tuple[f
     )
     if calibrated == size[::-1]:
         raise BadInputError(
-            f"{what}, turned by 90 degrees" + (f" (its {view.turned})" if view.turned else ""),
+            f"{what}, turned by 90 degrees" + (f" (its {turned})" if turned else ""),
             hint="import the images as they were when the lens was calibrated, or calibrate these: "
             "import without --calibration, then reconstruct calibrate SESSION",
         )

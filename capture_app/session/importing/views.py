@@ -10,10 +10,12 @@ from xml.etree import ElementTree as ET
 
 import msgspec
 import numpy as np
+from msgspec import UNSET, UnsetType
 
 from capture_app.common.errors import BadInputError
 from capture_app.common.text import UNREADABLE
 from capture_app.session.files.untrusted_files import read_input, read_text, rejecting, within
+from capture_app.session.format.calibration import CameraCalibration, LensKnowledge
 from capture_app.session.format.lens import Array
 
 SAME_ROTATION, SAME_PLACE = 1e-5, 1e-5
@@ -49,11 +51,14 @@ class View:
 class Views:
     """All cameras of a file by the file's own labels; `unit` is the format's, None if it has none."""
 
-    cameras: Mapping[str, View]
+    cameras: Mapping[str, View | CameraCalibration]
+    """A file of ours has our cameras; those of other programs are converted, in one place."""
     source: str
     unit: str | None = None
     assumed_unit: str = "m"
     """Unit if neither the file nor the user states one: `arbitrary` for formats without a scale."""
+    lenses: LensKnowledge | UnsetType = UNSET
+    """What the file says of its focal lengths; see `Calibration.lenses`."""
 
 
 def read_json(path: Path) -> Any:

@@ -123,7 +123,7 @@ def _signed_ranks(differences: Array) -> float:
 def _adjusted_lens(size: tuple[int, int], lens: Lens, sightings: Sightings) -> tuple[Lens, Array]:
     """Return a lens fitted to one camera's corners, and each picture's sum of squared residuals, px^2."""
     ((name, _), *_) = sightings
-    views = {name: View(*size, lens.matrix, lens.distortion, np.eye(3), np.zeros(3), lens.is_fisheye)}
+    views = {name: View.from_lens(lens, size, np.eye(3), np.zeros(3))}
     for terms in ({0, 1, 2, 3}, SIMPLE, {*range(8 if lens.is_fisheye else 9)}):
         adjustment = Adjustment(views, sightings, {name: terms})
         try:
@@ -243,10 +243,7 @@ def calibrate_from_board(
         for camera in dataset.cameras
     }
     poses = _rig_poses(dataset, places, corners, lenses)
-    views = {
-        name: View(*dataset.size(name), lens.matrix, lens.distortion, *poses[name], lens.is_fisheye)
-        for name, lens in lenses.items()
-    }
+    views = {name: View.from_lens(lens, dataset.size(name), *poses[name]) for name, lens in lenses.items()}
     used = _bundle_moments(corners)
     sightings = {
         (name, moment): (

@@ -17,7 +17,7 @@ from msgspec import Struct
 from capture_app.common.errors import BadInputError
 from capture_app.session.format.calibration import LensKnowledge
 from capture_app.session.format.lens import triangulate_rays
-from reconstruction.common.geometry import Array, View, angle_deg, angles_deg
+from reconstruction.common.geometry import Array, View, angle_deg, angles_deg, other_from_reference
 from reconstruction.common.templates import render_sentences
 from reconstruction.scene.pairs import (
     CELLS,
@@ -81,6 +81,10 @@ MAX_SUSPECTS = 12
 SURE_LENSES, ROUGH_LENSES = 0.02, 0.1
 """Maximum relative 95 % errors of focal lengths by which depth can be said to be no better, as it is right
 within 2 %, and by which it can be judged at all."""
+MAX_BELIEVED = 0.08
+"""Maximum relative 95 % error of focal lengths at which the images are believed against given ones."""
+GIVEN_ERROR = 0.04
+"""Relative error that given lenses are granted: data sheets and EXIF are rounded."""
 
 
 class MovedCamera(Struct, frozen=True, kw_only=True):
@@ -107,12 +111,17 @@ class CalibrationCheck(Struct, frozen=True, kw_only=True):
     unchecked: tuple[str, ...]
     """Cameras that share too few points with others."""
     moved: tuple[MovedCamera, ...]
+    """Cameras that do not fit, unless focal lengths explain it."""
+    by_lenses: str = ""
+    """What the points say against the focal lengths, with both figures; empty without a contradiction."""
+    confirms_lenses: bool = False
+    """Whether the points would show other focal lengths, and do not."""
     holds: bool
-    """Whether no camera moved so far that depth is worthless."""
+    """Whether no moved camera and no wrong focal length makes depth worthless."""
 
     def __str__(self) -> str:
-        """Describe the moved cameras."""
-        return ", ".join(map(str, self.moved)) or "no camera has moved"
+        """Describe what the lenses explain, else the moved cameras."""
+        return self.by_lenses or ", ".join(map(str, self.moved)) or "no camera has moved"
 
 
 def describe_misfit(
@@ -178,8 +187,10 @@ def no_measurement(lenses: LensKnowledge) -> str:
     return f"warning: this depth is {doubt}" if lenses.level != "well" else ""
 
 
-def check_rig(views: Mapping[str, View], features: Mapping[str, Features]) -> CalibrationCheck:
-    """Check the views against features at rest, all of one instant."""
+def check_rig(
+    views: Mapping[str, View], features: Mapping[str, Features], lenses: LensKnowledge | None = None
+) -> CalibrationCheck:
+    """Check the views against features at rest, all of one instant; `lenses` is what is known of theirs."""
     groups = _shared_points(views, features)
     errors = {names: _errors_px(views, names, at) for names, at in groups.items()}
     deviations = {names: _deviation_px(own_errors) for names, own_errors in errors.items()}
@@ -192,14 +203,85 @@ def check_rig(views: Mapping[str, View], features: Mapping[str, Features]) -> Ca
     moved = [
         MovedCamera(cameras=names, shift_px=_shift(views, names, groups, errors, guilty)) for names in guilty
     ]
+    worst = max(moved, key=lambda camera: camera.shift_px, default=None)
+    odd_px, known = limit * INACCURATE_PX / REFUSED_PX, lenses or LensKnowledge()
+    judged = [
+        judge_focal_lengths(views, groups, names, odd_px)
+        for names in ((*own,), *((name,) for name in own if own[name] > odd_px))
+        if names
+    ]
+    by_lenses = next((text for text, _ in judged if text), "")
+    holds = not by_lenses and (worst is None or worst.shift_px <= limit)
+    # What doubtful focal lengths move at least, a quarter of the width from the middle.
+    least_px = {"well": 0.0, "roughly": SURE_LENSES, "not": ROUGH_LENSES}[known.level] / 4
+    if worst and not by_lenses and worst.shift_px <= least_px * min(views[n].width for n in worst.cameras):
+        by_lenses = (
+            f"points at rest miss {' or '.join(worst.cameras)} by {worst.shift_px:.1f} px, "
+            f"with {known.doubt(rough=True)}"
+        )
     return CalibrationCheck(
         points=sum(at.shape[1] for names, at in groups.items() if len(names) == 2),
         error_px=float(np.median(list(deviations.values()))) if groups else None,
         errors_px=own,
         unchecked=tuple(name for name in views if name not in own),
-        moved=tuple(moved),
-        holds=all(camera.shift_px <= limit for camera in moved),
+        moved=() if by_lenses else tuple(moved),
+        by_lenses=by_lenses,
+        confirms_lenses=bool(judged) and judged[0][1],
+        holds=holds,
     )
+
+
+def judge_focal_lengths(
+    views: Mapping[str, View], groups: Groups, names: tuple[str, ...], well_px: float
+) -> tuple[str, bool]:
+    """Return what contradicts focal lengths, with both figures, and whether points at rest confirm them.
+
+    One scale of the focal lengths of `names` is fitted to points that pairs share: Gauss-Newton of Sampson's
+    distances with Cauchy's weights; poses stay. Its error is robust to residuals that are correlated within a
+    quarter of a pair's picture (Liang and Zeger, 1986), such as those of a turned camera. Points contradict
+    what they do not fit if they fit another scale within `well_px`, in the median.
+    """
+    pairs = {pair: at for pair, at in groups.items() if len(pair) == 2 and not set(names).isdisjoint(pair)}
+    quarters = [(at[0] > np.median(at[0], axis=0)) @ (1, 2) + 4 * n for n, at in enumerate(pairs.values())]
+
+    def distances(shift: float) -> Array:
+        scaled = {**views, **{name: views[name].magnified(math.exp(shift)) for name in names}}
+        return np.concatenate([sampson_distances((scaled[a], scaled[b]), at) for (a, b), at in pairs.items()])
+
+    shift, given, small = 0.0, distances(0.0), 1e-4
+    for _ in range(8):
+        residuals = distances(shift)
+        slopes = (distances(shift + small) - residuals) / small
+        weights = 1 / (1 + (residuals / (3 * np.median(np.abs(residuals)) + 0.1)) ** 2)
+        information = max(float((weights * slopes**2).sum()), 1e-12)
+        step = -float((weights * slopes * residuals).sum()) / information
+        shift += min(max(step, -0.1), 0.1)
+    scores = np.bincount(np.concatenate(quarters), weights * slopes * residuals)
+    # Besides, the points' own noise, of at least a hundredth of a pixel: few quarters may agree by chance.
+    noise = float((weights * residuals**2).sum() / weights.sum()) + 1e-4
+    error = 2 * math.sqrt(float((scores**2).sum()) + noise * information) / information
+    is_sure, is_other = error <= MAX_BELIEVED, abs(shift) > error + GIVEN_ERROR
+    fits_px, misses_px = (float(np.median(np.abs(px))) for px in (residuals, given))
+    given_px, found_px = (views[names[0]].focal * math.exp(of) for of in (0.0, shift))
+    text = (
+        f"the calibration gives {names[0]} a focal length of {given_px:.0f} px, and points at rest say "
+        f"{found_px:.0f} ± {max(1.0, found_px * error):.0f} px"
+        f"{'; the others are off by the same factor' if len(names) > 1 else ''}"
+    )
+    is_wrong = is_sure and is_other and fits_px <= min(misses_px / 2, well_px)
+    return text if is_wrong else "", is_sure and not is_other
+
+
+def sampson_distances(views: tuple[View, View], at: Array) -> Array:
+    """Return the signed distances (n,), px, of pairs of pixels (2, n, 2) from epipolar geometry (Sampson)."""
+    (first, second), (rotation, translation) = views, other_from_reference(*views)
+    essential = np.cross(np.eye(3), translation / max(1e-12, np.linalg.norm(translation))).T @ rotation
+    ray_a, ray_b = (view.rays(pixels) for view, pixels in zip(views, at, strict=True))
+    line_b, line_a = ray_a @ essential.T, ray_b @ essential
+    squares = [
+        (line[:, :2] ** 2).sum(1) / view.focal**2 for line, view in ((line_b, second), (line_a, first))
+    ]
+    return np.asarray((ray_b * line_b).sum(1) / np.sqrt(sum(squares)).clip(1e-12))
 
 
 def _shared_points(views: Mapping[str, View], features: Mapping[str, Features]) -> Groups:

@@ -223,7 +223,7 @@ def choose_calibration(features: SceneFeatures) -> Calibration | None:
     stored = msgspec.structs.replace(stored, calibration=calibration)
     try:
         views = calibrated_views(dataset, calibration)
-        check = check_rig(views, features.middle)
+        check = check_rig(views, features.middle, calibration.known_lenses)
         why = "" if check.holds else f"{check} (calibrate the rig again: reconstruct calibrate)"
     except BadInputError as error:
         why = error.what

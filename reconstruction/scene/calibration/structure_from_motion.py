@@ -15,13 +15,19 @@ import numpy as np
 from capture_app.common.errors import BadInputError, NotApplicableError
 from capture_app.console.terminal import talk
 from capture_app.session.format.calibration import Calibration, CameraCalibration
+from capture_app.session.format.lens import lens_of
 from capture_app.session.reading.decoding import read_exif
 from reconstruction.common.colmap import load_pycolmap
 from reconstruction.common.geometry import View
 from reconstruction.common.image_files import FAST_PNG, write_image
 from reconstruction.common.memory import memory_budget
 from reconstruction.common.native_libraries import ForeignError
-from reconstruction.scene.calibration.consistency import fit_one_plane, lens_knowledge
+from reconstruction.scene.calibration.consistency import (
+    GIVEN_ERROR,
+    MAX_BELIEVED,
+    fit_one_plane,
+    lens_knowledge,
+)
 from reconstruction.scene.dataset import Dataset
 from reconstruction.scene.moving_pixels import SceneMotion
 
@@ -31,10 +37,6 @@ MAX_FOCAL_RATIO = 1.25
 """Maximum ratio of a found to the likely focal length; equivalent ones are rounded to whole millimetres."""
 MAX_PERSPECTIVE_DEG = 175.0
 WIDEST_DEG = 100.0
-MAX_BELIEVED = 0.08
-"""Maximum relative 95 % error of focal lengths at which the images are believed against a given one."""
-GIVEN_ERROR = 0.04
-"""Relative error that a given field of view is granted: data sheets and EXIF are rounded."""
 STARTS = (1.0, 1 - GIVEN_ERROR, 1 + GIVEN_ERROR)
 """Factors of given focal lengths from which these are sought. By the exact one, both poses that a plane
 allows fit a pair equally, and COLMAP's choices for several pairs may contradict each other."""
@@ -102,11 +104,11 @@ def refuse_odd_lenses(found: Mapping[str, CameraCalibration], focal_px: Mapping[
         NotApplicableError: a focal length is far from the likely one, or wider than plain lenses are.
     """
     for name, camera in found.items():
-        view_deg = field_of_view_deg(camera, camera.fx)
+        view_deg = lens_of(camera).field_deg(camera.width)
         if (likely := focal_px.get(name)) is None:
             odd, why, exif = view_deg > WIDEST_DEG, "which is unlikely", ""
         else:
-            odd = not 1 / MAX_FOCAL_RATIO < camera.fx / likely < MAX_FOCAL_RATIO
+            odd = not 1 / MAX_FOCAL_RATIO < plain_focal_px(camera) / likely < MAX_FOCAL_RATIO
             why = f"not {field_of_view_deg(camera, likely):.0f} as it likely does"
             exif = "" if camera.is_fisheye else "correct the pictures' EXIF, "
         if odd:
@@ -118,9 +120,16 @@ def refuse_odd_lenses(found: Mapping[str, CameraCalibration], focal_px: Mapping[
 
 
 def field_of_view_deg(camera: CameraCalibration, focal_px: float) -> float:
-    """Return the horizontal field of view of a camera of this model, with this focal length."""
-    half = camera.width / 2 / focal_px
-    return math.degrees(2 * (half if camera.is_fisheye else math.atan(half)))
+    """Return the horizontal field of view of a camera of this model and focal length, without distortion."""
+    return math.degrees(
+        camera.width / focal_px if camera.is_fisheye else 2 * math.atan(camera.width / 2 / focal_px)
+    )
+
+
+def plain_focal_px(camera: CameraCalibration) -> float:
+    """Return the focal length of a lens without distortion that has this one's horizontal field of view."""
+    half = math.radians(lens_of(camera).field_deg(camera.width)) / 2
+    return camera.width / 2 / (half if camera.is_fisheye else math.tan(half))
 
 
 def guess_calibration(motion: SceneMotion) -> Calibration:
@@ -188,18 +197,19 @@ _Found = tuple[Calibration, Sequence[float]]
 """A calibration by COLMAP, and the relative 95 % errors of its focal lengths; none if not determined."""
 
 
-def _contradicting(found: _Found, focal_px: Mapping[str, float]) -> Calibration:
+def _contradicting(solved: _Found, focal_px: Mapping[str, float]) -> Calibration:
     """Return a calibration, with the given fields of view that it contradicts in its source, and say so."""
-    calibration, errors = found
+    calibration, errors = solved
     worst, cameras = max(errors, default=math.inf), calibration.cameras
     if not (given := focal_px.keys() & cameras.keys()) or worst > MAX_BELIEVED:
         return calibration
-    name = max(sorted(given), key=lambda one: abs(math.log(cameras[one].fx / focal_px[one])))
-    camera, likely = cameras[name], focal_px[name]
-    if abs(math.log(camera.fx / likely)) <= worst + GIVEN_ERROR:
+    found = {name: plain_focal_px(cameras[name]) for name in sorted(given)}
+    name = max(found, key=lambda one: abs(math.log(found[one] / focal_px[one])))
+    if abs(math.log(found[name] / focal_px[name])) <= worst + GIVEN_ERROR:
         return calibration
     degrees, wrong, least = (
-        field_of_view_deg(camera, of) for of in (camera.fx, likely, camera.fx * (1 + worst))
+        field_of_view_deg(cameras[name], of)
+        for of in (found[name], focal_px[name], found[name] * (1 + worst))
     )
     text = f"{wrong:.1f} degrees were given; the pictures say {degrees:.1f} ± {degrees - least:.1f} ({name})"
     talk(f"{text}: the pictures are believed")

@@ -1,5 +1,6 @@
 """Sessions of fisheyes: their images are redrawn for perspective lenses, and depth is of what these see."""
 
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -44,7 +45,7 @@ def test_images_and_truth_are_redrawn_for_a_perspective_lens(
     view = opened.views["left"]
     assert view.lens.is_straight
     assert np.degrees(2 * np.arctan(view.width / 2 / view.focal)) == pytest.approx(100, abs=0.5)
-    assert "left is a fisheye: the outer " in capsys.readouterr().err
+    assert "left is a fisheye: 100 of its 1" in capsys.readouterr().err
     depth, _ = opened.dataset.ground_truth("left", 0)
     redrawn = opened.dataset.grey("left", 0).astype(float)
     image, true_depth = (np.asarray(a) for a in scene.look(view, 0.0)[:2])
@@ -68,18 +69,36 @@ def test_depth_of_fisheyes_is_right_where_the_redrawn_images_see(
     assert reconstruct("stereo", wide.folder, "--out", tmp_path / "depth").code == 0
 
 
+@pytest.mark.parametrize("source", ["session", "calibration.json"])
 def test_what_is_known_of_a_fisheye_is_checked_against_its_images(
-    wide: Session, reconstruct: Reconstruct
+    wide: Session, tmp_path: Path, reconstruct: Reconstruct, source: str
 ) -> None:
-    checked = reconstruct("calibrate", wide.folder, "--from", "session", "--json")
+    session = shutil.copytree(wide.folder, tmp_path / wide.folder.name)
+    given = source if source == "session" else shutil.move(session / source, tmp_path)
+    checked = reconstruct("calibrate", session, "--from", given, "--no-keep", "--json")
     assert checked.code == 0, checked.err
     assert msgspec.json.decode(checked.out)["quality"]["inlier_share"] > 0.6
+    assert Session.open(session).calibration().cameras["left"].is_fisheye
 
 
+@pytest.mark.parametrize(
+    ("focal_px", "distortion", "given", "contradiction"),
+    [
+        (211.0, (-0.02, 0.004, -0.001, 0.0003), "118", "118.0 degrees were given; the pictures say 1"),
+        # By its focal length alone, it would see 192 degrees.
+        (143.2, (0.1026, 0.0, 0.0, 0.0), "160", ""),
+    ],
+)
 def test_lenses_are_found_from_images(
-    tmp_path: Path, reconstruct: Reconstruct, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path,
+    reconstruct: Reconstruct,
+    monkeypatch: pytest.MonkeyPatch,
+    focal_px: float,
+    distortion: tuple[float, ...],
+    given: str,
+    contradiction: str,
 ) -> None:
-    """A rig of five whose field of view, 130 degrees, was given 12 degrees too small."""
+    """A rig of five whose field of view, 130 degrees, was given 12 degrees too small, and 160 right."""
     for name, value in (("WIDTH", 480), ("HEIGHT", 360), ("TEXELS", 60)):
         monkeypatch.setattr(conftest, name, value)
     rng = np.random.default_rng(7)
@@ -89,8 +108,8 @@ def test_lenses_are_found_from_images(
         x, y, w, h = z * rng.uniform((-1.9, -1.4, 0.15, 0.15), (1.9, 1.4, 0.4, 0.4))
         boards.append(Board((x - w, y - h, x + w, y + h), z, texture(10 + number)))
     true = Lens(
-        np.array([[211.0, 0, 241.0], [0, 211.0, 178.0], [0, 0, 1]]),
-        np.array([-0.02, 0.004, -0.001, 0.0003]),
+        np.array([[focal_px, 0, 241.0], [0, focal_px, 178.0], [0, 0, 1]]),
+        np.array(distortion),
         is_fisheye=True,
     )
     rig = {
@@ -105,11 +124,12 @@ def test_lenses_are_found_from_images(
     session = write_session(tmp_path, Scene(boards), rig, instants=2, calibrated=False, truth=False)
     refused = reconstruct("calibrate", session.folder, "--lens", "fisheye")
     assert "fisheyes are found from images only with their field of view" in refused.complaint
-    found = reconstruct("calibrate", session.folder, "--lens", "fisheye", "--field-of-view", "118", "--json")
-    assert "118.0 degrees were given; the pictures say 1" in found.result["source"]
+    found = reconstruct("calibrate", session.folder, "--lens", "fisheye", "--field-of-view", given, "--json")
+    source = found.result["source"]
+    assert contradiction in source if contradiction else "were given" not in source
     for camera in Session.open(session.folder).calibration().cameras.values():
         assert camera.is_fisheye
-        assert camera.fx == pytest.approx(211, rel=0.02)
+        assert camera.fx == pytest.approx(focal_px, rel=0.02)
         pixels = np.array([[241.0, 20.0], [60.0, 178.0], [450.0, 300.0]])
         rays = (np.column_stack([lens.rays(pixels), np.ones(3)]) for lens in (lens_of(camera), true))
         ours, theirs = (ray / np.linalg.norm(ray, axis=1, keepdims=True) for ray in rays)

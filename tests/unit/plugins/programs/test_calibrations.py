@@ -185,8 +185,12 @@ def test_images_of_another_size(npz_folder: Path) -> None:
         read(npz_folder, sizes=other)
     crop = read(npz_folder, sizes=other, fit="crop").cameras["left"]
     assert (crop.width, crop.fx, crop.cx) == (600, 800, 320)
-    scaled = read(npz_folder, sizes=other, fit="scale").cameras["left"]
+    said: list[str] = []
+    scaled = read(npz_folder, sizes=other, fit="scale", talk=said.append).cameras["left"]
     assert (scaled.fx, scaled.fy, scaled.cy) == (750, 810, 240)
+    (stretched,) = (text for text in said if "stretched" in text)
+    assert "left" in stretched
+    assert "0.938 times as wide and 1 times as high" in stretched
     with pytest.raises(BadInputError, match="turned by 90"):
         read(npz_folder, sizes={"left": (480, 640), "right": (640, 480)})
 

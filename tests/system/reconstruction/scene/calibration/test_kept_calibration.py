@@ -72,5 +72,5 @@ def test_a_calibration_is_given_from_one_session_to_another(
     file.write_bytes(msgspec.json.encode(calibration(moved)))
     refused = reconstruct("calibrate", bare.folder, "--from", file)
     assert refused.code == 3
-    assert "this calibration no longer holds: d moved: 1" in refused.complaint
+    assert "this calibration does not hold for these pictures: d moved: 1" in refused.complaint
     assert not (bare.folder / "calibration.json").exists()

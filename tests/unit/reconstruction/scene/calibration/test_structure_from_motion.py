@@ -10,6 +10,7 @@ import pytest
 
 from capture_app.common.errors import BadInputError
 from capture_app.session.format.calibration import Calibration
+from capture_app.session.format.lens import Lens, lens_of
 from reconstruction.common.geometry import View
 from reconstruction.scene.calibration import structure_from_motion
 from reconstruction.scene.calibration.soundness import calibrated_views
@@ -173,3 +174,34 @@ def test_a_given_field_of_view_is_checked_against_what_the_pictures_know(
     for errors, near in (([0.2, 0.2], given), ([0.01, 0.01], {"b": given["b"]}), ([], given)):
         unsure = (calibration, errors)
         assert structure_from_motion._contradicting(unsure, near).source == "COLMAP"
+
+
+@pytest.mark.parametrize(
+    ("model", "half_angle", "bend"),
+    [("fisheye", np.radians(80.0), 0.1026), ("fisheye", np.radians(95.0), -0.02), (msgspec.UNSET, 0.9, -0.1)],
+)
+def test_a_right_field_of_view_is_not_contradicted_by_the_focal_length_alone(
+    model: Any, half_angle: float, bend: float
+) -> None:
+    """A lens whose edges see `half_angle`, by its distortion, not by its focal length."""
+    across = half_angle if model == "fisheye" else np.tan(half_angle)
+    focal_px = 160 / (across * (1 + bend * across**2))
+    lens = msgspec.structs.replace(
+        make_view((0, 0, 0)).to_calibration(),
+        fx=focal_px,
+        fy=focal_px,
+        cx=159.5,
+        distortion=(bend, *[0.0] * (3 if model == "fisheye" else 4)),
+        model=model,
+    )
+    assert lens_of(lens).field_deg(320) == pytest.approx(np.degrees(2 * half_angle), abs=0.01)
+    calibration = Calibration(cameras={"a": lens}, source="COLMAP")
+    for given, is_right in ((1.0, True), (1.2, False)):
+        found = structure_from_motion._contradicting((calibration, [0.01]), {"a": given * 160 / across})
+        assert (found.source == "COLMAP") == is_right
+    assert f"the pictures say {np.degrees(2 * half_angle):.1f} ± " in found.source
+
+
+def test_a_field_ends_where_the_lens_folds() -> None:
+    lens = Lens(np.array([[100.0, 0, 159.5], [0, 100.0, 119.5], [0, 0, 1]]), np.array([-0.2, 0, 0, 0]), True)
+    assert lens.field_deg(320) == pytest.approx(2 * np.degrees(np.sqrt(1 / 0.6)), abs=0.1)

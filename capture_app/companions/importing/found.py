@@ -10,17 +10,26 @@ from pathlib import Path
 from capture_app.common.errors import BadInputError
 from capture_app.common.names import natural_order
 from capture_app.common.text import count
-from capture_app.companions.importing.clips import CALIBRATION, find_shoots
+from capture_app.companions.importing.clips import find_shoots
 from capture_app.companions.importing.times.tables import find_tables
 from capture_app.session.importing.importer import (
+    CALIBRATION,
     camera_importer,
     load_importers,
+    open_cameras,
     open_sources,
     recognize_recording,
     recordings_in,
     split_name,
+    takes_in,
 )
-from capture_app.session.importing.recording_sources import VIDEO_SUFFIXES, Layout, Source, folders_below
+from capture_app.session.importing.recording_sources import (
+    VIDEO_SUFFIXES,
+    Images,
+    Layout,
+    Source,
+    folders_below,
+)
 
 MAX_NAMED = 8
 """Number of files and folders that are named one by one."""
@@ -80,11 +89,22 @@ def _find_takes(folder: Path, options: FindOptions, states_times: bool) -> tuple
     }
     beside, found = find_calibration(folder), []
     used = [beside] if beside else []
-    for take, cameras in (takes or {"": [str(folder)]}).items():
-        sources = open_sources(cameras, png=options.png)
+    opened = {take: open_sources(cameras, png=options.png) for take, cameras in takes.items()}
+    if not shoots:
+        named, said = takes_in(folder)
+        notes += said
+        opened = {
+            take: open_cameras(cameras)
+            for take, cameras in named.items()
+            if options.recording in (None, take)
+        }
+    for take, sources in opened.items():
         tables, said = ((), []) if states_times else find_tables(sources, folder)
         notes += said
-        used += [*(source.path for source in sources), *(table for _, table in tables)]
+        for source in sources:
+            # Of a folder that cameras share, the rest is not theirs.
+            used += source.files if isinstance(source, Images) and source.path == folder else [source.path]
+        used += [table for _, table in tables]
         found.append(Layout(path=folder, sources=tuple(sources), take=take, timestamps=tables, beside=beside))
     # What becomes of each video was said above.
     return found, [*notes, *describe_unused(folder, used, VIDEO_SUFFIXES if shoots else ())]

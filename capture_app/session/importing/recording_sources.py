@@ -3,19 +3,26 @@
 import re
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from itertools import takewhile
 from pathlib import Path
 
-from capture_app.common.errors import BadInputError, reading
+from capture_app.common.errors import BadInputError, NotAvailableError, reading
 from capture_app.common.names import natural_order
 from capture_app.common.text import count
 from capture_app.session.files.untrusted_files import read_input, rejecting
 from capture_app.session.format.export_record import ExportRecord
 from capture_app.session.format.manifest import IMAGE_SUFFIXES
 from capture_app.session.importing.frame_matching import TimedFrame, Timeline
-from capture_app.session.importing.video_tracks import DAMAGED, describe_video, video_pictures, video_times_ns
+from capture_app.session.importing.video_tracks import (
+    DAMAGED,
+    describe_video,
+    video_pictures,
+    video_span,
+    video_times_ns,
+)
 from capture_app.session.importing.views import Views
 from capture_app.session.reading.decoding import (
     decode_image,
@@ -34,11 +41,11 @@ MAX_DEPTH = 12
 """Maximum folder depth of a search, such as CAMERA/DCIM/100GOPRO."""
 Numbers = tuple[int, ...]
 """All numbers in a name, in order."""
-CAMERA = re.compile(
-    r"cam|left|right|front|back|side|top|view|gopro|phone|pixel|ipad|galaxy|canon|sony|angle", re.IGNORECASE
-)
-"""Words in the names of cameras."""
 _FIRST_CHAPTER = re.compile(r"(?P<kind>G[XH])01(?P<number>\d{4})|GOPR(?P<old>\d{4})")
+TOUCHING_S = 2.0
+"""Maximum gap between the files of a split recording, s: their dates are whole seconds."""
+PART_SLACK_S, PART_SLACK = 0.5, 0.05
+"""Maximum difference of the lengths of these files, but the last: s, or relative to the first one's."""
 _DATE = re.compile(
     r"((?:19|20)\d{2})[-_.:]?(\d{2})[-_.:]?(\d{2})[-_.T ]?(\d{2})[-_.:h]?(\d{2})[-_.:m]?(\d{2})"
     # One or two digits after a dash are a counter within the second.
@@ -126,7 +133,7 @@ def image_folder(name: str, path: Path, some: Sequence[Path] = ()) -> Images:
     Raises BadInputError if there are no images, or several types of them.
     """
     files = list(some) or ([path] if path.is_file() else images_in(path))
-    files.sort(key=lambda file: natural_order(file.name))
+    files.sort(key=lambda file: natural_order(str(file)))
     if not files:
         raise BadInputError(
             f"no images in {path}", hint=f"name a folder with images of a kind of {', '.join(IMAGE_SUFFIXES)}"
@@ -136,10 +143,9 @@ def image_folder(name: str, path: Path, some: Sequence[Path] = ()) -> Images:
         raise BadInputError(f"{path} mixes {' and '.join(sorted(suffixes))}", hint="keep one kind of image")
     source = Images(name, path, files, FOLDER, read=lambda file: upright(file.read_bytes(), file.suffix))
     # The number in a single image's name may be its camera's or its time's.
-    source.name_numbers = [numbers_in(file.stem) for file in files] if path.is_dir() else ()
+    names = [str(file.relative_to(path).with_suffix("")) for file in files] if path.is_dir() else ()
+    source.name_numbers = [numbers_in(name) for name in names]
     source.notes = _describe_links(files)
-    if some:
-        source.notes.append(f"{name}: {count(len(files), 'image')} of {path}, such as {files[0].name}")
     return source
 
 
@@ -195,10 +201,11 @@ class Video(Source):
 
     kind = "video"
 
-    def __init__(self, name: str, path: Path, *, png: bool = False) -> None:
+    def __init__(self, name: str, path: Path, later: Sequence[Path] = (), *, png: bool = False) -> None:
+        """Take a video that goes on in the files `later`, by default in `later_chapters`."""
         self.name, self.path = name, path
         self.suffix = ".png" if png else ".jpg"
-        chapters = (path, *later_chapters(path))
+        chapters = (path, *(later or later_chapters(path)))
         times_ns = {chapter: video_times_ns(chapter) for chapter in chapters}
         self._timed = all(times_ns.values())
         """Whether all frames have presentation times, by which they are selected."""
@@ -211,8 +218,8 @@ class Video(Source):
         # The first frames of all videos belong together unless a table says otherwise.
         self.name_numbers = [(number,) for number in self.numbers]
         self.fps, notes = describe_video(path)
-        later = ", ".join(chapter.name for chapter in chapters[1:])
-        goes_on = [f"{path.name} goes on in {later}"] if later else []
+        names = ", ".join(chapter.name for chapter in chapters[1:])
+        goes_on = [f"{path.name} goes on in {names}"] if names else []
         self.notes = (*notes, *goes_on, *_describe_links(chapters))
         if not self.numbers:
             raise BadInputError(f"no frame of {path} can be decoded", hint=DAMAGED)
@@ -239,15 +246,48 @@ class Video(Source):
 
 
 def later_chapters(path: Path) -> list[Path]:
-    """Return a GoPro recording's further files in order: GX02… after GX01…, GP01… after GOPR…."""
-    if (match := _FIRST_CHAPTER.fullmatch(path.stem)) is None:
-        return []
-    kind, number = ("GP", match["old"]) if match["old"] else (match["kind"], match["number"])
-    beside = (
-        path.with_name(f"{kind}{chapter:02}{number}{path.suffix}")
-        for chapter in range(1 if match["old"] else 2, 100)
-    )
-    return list(takewhile(Path.is_file, beside))
+    """Return the further files of a recording that its camera split, in order.
+
+    A GoPro names them: GX02... after GX01..., GP01... after GOPR.... Any camera's files are one recording if
+    their counters follow, each begins where the one before ends, and all but the last are equally long.
+    """
+    if (match := _FIRST_CHAPTER.fullmatch(path.stem)) is not None:
+        kind, number = ("GP", match["old"]) if match["old"] else (match["kind"], match["number"])
+        beside = (
+            path.with_name(f"{kind}{chapter:02}{number}{path.suffix}")
+            for chapter in range(1 if match["old"] else 2, 100)
+        )
+        return list(takewhile(Path.is_file, beside))
+    parts, form = [path], re.sub(r"\d+", "#", path.name)
+    others = [file for file in sorted(path.parent.iterdir()) if re.sub(r"\d+", "#", file.name) == form]
+    while (after := next((file for file in others if _goes_on(path, parts[-1], file)), None)) is not None:
+        parts.append(after)
+    return parts[1:]
+
+
+def _goes_on(first: Path, before: Path, path: Path) -> bool:
+    """Return whether a recording that begins with the file `first` goes on in `path` after `before`."""
+    counters = (numbers_in(_DATE.sub("", name)) for name in (before.stem, path.stem))
+    if path == before or not {b - a for a, b in zip(*counters, strict=False)} <= {0, 1}:
+        return False
+    (_, whole_s), (began_s, own_s), (next_s, next_own_s) = map(clip_span, (first, before, path))
+    if began_s is None or next_s is None:
+        return False
+    slack_s = max(PART_SLACK_S, PART_SLACK * whole_s)
+    equal = abs(own_s - whole_s) <= slack_s and next_own_s <= whole_s + slack_s
+    return equal and abs(next_s - began_s - own_s) <= min(TOUCHING_S, own_s / 2)
+
+
+def clip_span(path: Path) -> tuple[float | None, float]:
+    """Return when a video began, s since 1970 by its camera's clock or its name, and its length, s.
+
+    Return None and 0 if it is unreadable.
+    """
+    began_s, seconds = None, 0.0
+    with suppress(BadInputError, NotAvailableError):
+        began_s, seconds = video_span(path, path.stat().st_mtime_ns)
+        began_s = name_time_ns(path) / 1e9 if began_s is None else began_s
+    return began_s, seconds
 
 
 def chapter_shifts_ns(times_ns: Sequence[Sequence[int]]) -> list[int]:

@@ -8,7 +8,7 @@ import pytest
 from capture_app.common.errors import BadInputError
 from capture_app.companions.importing.found import describe_unused, find_calibration
 from capture_app.companions.importing.recording import ImportOptions, import_found
-from capture_app.session.importing.importer import image_cameras
+from capture_app.session.importing.importer import takes_in
 from capture_app.session.importing.recording_sources import folders_below
 from tests.imported import import_one
 from tests.unit.companions.importing.numbered_video import write_video
@@ -54,12 +54,12 @@ def test_videos_five_deep_beside_images_are_the_cameras(tmp_path: Path) -> None:
     assert "not used: stills: 3 .jpg" in said
 
 
-def test_takes_of_images_are_not_one_take(tmp_path: Path) -> None:
-    for take in ("take1", "take2"):
+def test_kinds_of_images_are_not_takes(tmp_path: Path) -> None:
+    for kind in ("depth", "rgb"):
         for camera in ("cam0", "cam1"):
-            images(tmp_path / "rec" / take / camera)
-    with pytest.raises(BadInputError, match="4 folders of images, of several takes or kinds: take1/cam0"):
-        image_cameras(tmp_path / "rec")
+            images(tmp_path / "rec" / camera / kind)
+    with pytest.raises(BadInputError, match="4 folders of images, of several takes or kinds: cam0/depth"):
+        takes_in(tmp_path / "rec")
 
 
 def test_what_is_not_used_is_one_line(tmp_path: Path, make_images: Callable[..., Path]) -> None:

@@ -91,19 +91,24 @@ def test_images_of_several_cameras_in_one_folder(
     session = imported(tmp_path / "in", "--fps", "30")
     assert [camera.name[-1] for camera in session.manifest.cameras] == ["L", "R"]
     assert [len(images) for images in session.images_by_instant()] == [2, 2, 2]
-    assert "3 images of" in capsys.readouterr().err
+    assert "R; 3 instants" in capsys.readouterr().err
 
 
-def test_folders_with_images_of_several_cameras_are_no_cameras(
+def test_folders_with_images_of_several_cameras_are_takes(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """calib_imgs/1 and calib_imgs/2, each with left and right (sourishg/stereo-calibration)."""
     for take, number, side in product("12", range(3), ("left", "right")):
         (tmp_path / "in" / take).mkdir(parents=True, exist_ok=True)
         (tmp_path / "in" / take / f"{side}{number}.jpg").write_bytes(jpeg(number))
-    talk = refused(tmp_path / "in", capsys)
-    assert "folders with images of several cameras" in talk
-    assert f"capture-app sessions import {tmp_path / 'in' / '1'}" in talk
+    assert (
+        run(["sessions", "import", str(tmp_path / "in"), "--fps", "30", "--out", str(tmp_path / "out")]) == 0
+    )
+    for take in "12":
+        session = Session.open(tmp_path / "out" / f"in-{take}")
+        assert [camera.name for camera in session.manifest.cameras] == ["left", "right"]
+        assert [len(images) for images in session.images_by_instant()] == [2, 2, 2]
+    assert "camera = left, right; take = 1, 2; 3 instants" in capsys.readouterr().err
 
 
 def test_a_file_whose_name_is_no_camera_name_gets_one_like_it(tmp_path: Path) -> None:

@@ -1,0 +1,216 @@
+"""Roles of the pieces of files' names: which piece tells cameras apart, which takes, and which instants.
+
+A name consists of words and numbers, and each folder above it is a further piece. The pieces at one place of
+all names form a column. A parse makes one column the camera's; its score is the evidence for that.
+"""
+
+import re
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import chain
+from pathlib import Path
+from unicodedata import normalize
+
+CAMERA = re.compile(
+    r"cam|left|right|front|back|side|top|view|gopro|phone|pixel|ipad|galaxy|canon|sony|angle|^c$",
+    re.IGNORECASE,
+)
+"""Words in the names of cameras; of a number, the word before it."""
+TAKE = re.compile(
+    r"(?<![^\W\d_])(take|trial|run|scene|shot|day|session|try|attempt|walk|jump|drive|seq|clip)|(?<!\d)20\d\d",
+    re.IGNORECASE,
+)
+"""Words in the names of takes, and years."""
+_FRAME = re.compile(r"(frame|img|image|pic|picture|dsc|still)s?", re.IGNORECASE)
+"""Words before the number of an instant."""
+_SERIAL = re.compile(r"(?!(19|20)\d{6}$)[1-9]\d{6,8}")
+"""A camera's serial number, which is not a date."""
+_DIGIT = re.compile(r"\d")
+_MARGIN = 2
+"""Least score of a parse that is taken, and its least distance from every other one."""
+
+
+@dataclass(frozen=True, slots=True)
+class Piece:
+    """A word or a number of a name, or a folder above it."""
+
+    text: str
+    label: str = ""
+    """The word before a number."""
+    name: str = ""
+    """What a camera or a take with this piece is called."""
+    is_folder: bool = False
+
+
+Row = tuple[Piece, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Parse:
+    """One reading of names: the files of each camera in each take, and the evidence for it."""
+
+    score: int
+    takes: Mapping[str, Mapping[str, Sequence[Path]]]
+    """By the name of the take, which is empty if there is only one, and by camera."""
+    others: Sequence[str] = ()
+    """Words that name neither cameras nor takes, such as `depth`."""
+
+    def __str__(self) -> str:
+        cameras = [*dict.fromkeys(chain.from_iterable(self.takes.values()))]
+        takes = f"; take = {', '.join(self.takes)}" if len(self.takes) > 1 else ""
+        instants = max(len(files) for of in self.takes.values() for files in of.values())
+        some = ", ".join([*cameras[:6], *["..."] * (len(cameras) > 6)])
+        return f"camera = {some}{takes}; {'one instant' if instants == 1 else f'{instants} instants'}"
+
+
+def parse_names(files: Sequence[Path], root: Path, *, stills: bool = True) -> list[Parse]:
+    """Return the readings of the names of files below a folder, the likeliest first.
+
+    `stills`: the files are images, whose numbers may count instants; all that videos' names have beside the
+    camera is of takes.
+    """
+    columns = _columns(files, root)
+    varying = [column for column in columns if len({piece.text for piece in column}) > 1]
+    # A counter that stands still: one instant of what is counted before it.
+    still = [n for n, one in enumerate(columns) if one not in varying and re.match(r"0\d", one[0].text)]
+    parses = (
+        _parse(files, varying, column, stills=stills, still=any(n > columns.index(column) for n in still))
+        for column in varying
+    )
+    return sorted(filter(None, parses), key=lambda parse: -parse.score)
+
+
+def choose(parses: Sequence[Parse]) -> Parse | None:
+    """Return the first reading if there is evidence for it, and more than for the second; otherwise None."""
+    first, second = [*(parse.score for parse in parses), 0, 0][:2]
+    return parses[0] if first >= max(_MARGIN, second + _MARGIN) else None
+
+
+def take_names(cameras: Mapping[str, Sequence[Path]]) -> dict[Path, str]:
+    """Return what each file's name has beside its camera's own words: equal for files of one take."""
+    files = [*chain.from_iterable(cameras.values())]
+    texts = [name for name, own in cameras.items() for _ in own]
+    rest = [column for column in zip(*_stems(files), strict=True) if _is_free(column, texts)]
+    names = [_take_name(rest, n).casefold() for n in range(len(files))]
+    twice = {name for (_, name), n in Counter(zip(texts, names, strict=True)).items() if n > 1}
+    # Then the types of file tell them apart.
+    return {
+        file: name + file.suffix.casefold() * (name in twice) for file, name in zip(files, names, strict=True)
+    }
+
+
+def _take_name(columns: Sequence[Row], n: int) -> str:
+    """Return a name's pieces in columns, each with the word before it if that is the same in all names."""
+    return "-".join(
+        one[n].name if len({piece.label for piece in one}) == 1 else one[n].text for one in columns
+    )
+
+
+def _columns(files: Sequence[Path], root: Path) -> list[Row]:
+    """Return the columns of the names below a folder; none if folders of unequal depth have equal rows."""
+    above = [file.relative_to(root).parts[:-1] for file in files]
+    depth = min(map(len, above), default=0)
+    folders = (tuple(Piece(name, "", name, is_folder=True) for name in parts[:depth]) for parts in above)
+    rows = [(*folder, *stem) for folder, stem in zip(folders, _stems(files), strict=True)]
+    return [*zip(*rows, strict=True)] if len({*rows}) == len(files) else []
+
+
+def _stems(files: Sequence[Path]) -> list[Row]:
+    """Return the pieces of each name, as many for each: words and numbers, all words as one, or the name."""
+    stems = [_pieces(normalize("NFC", file.stem)) for file in files]
+    if len({tuple(piece.text.isdecimal() for piece in stem) for stem in stems}) > 1:
+        words = ["-".join(piece.text for piece in stem if not piece.text.isdecimal()) for stem in stems]
+        numbers = [[piece for piece in stem if piece.text.isdecimal()] for stem in stems]
+        if not all(words) or len({*map(len, numbers)}) > 1:
+            return [(Piece(file.stem, "", file.stem),) for file in files]
+        return [(Piece(word, "", word), *own) for word, own in zip(words, numbers, strict=True)]
+    return stems
+
+
+def _pieces(stem: str) -> Row:
+    pieces, begin, end, word = list[Piece](), 0, 0, ""
+    for match in re.finditer(r"\d+|[^\W\d_]+", stem):
+        label = word if match[0].isdecimal() else ""
+        joined = label and (end == match.start() or CAMERA.search(label))
+        pieces.append(Piece(match[0], label, stem[begin if joined else match.start() : match.end()]))
+        begin, end, word = *match.span(), "" if match[0].isdecimal() else match[0]
+    return tuple(pieces)
+
+
+def _is_free(column: Row, cameras: Sequence[str], *, alone: bool = False) -> bool:
+    """Return whether a column is not the camera's, but varies within one, or names its take.
+
+    `alone`: each camera has one file, so that a number may be another instant's.
+    """
+    own = {(camera, piece.text) for camera, piece in zip(cameras, column, strict=True)}
+    number = column[0].text.isdecimal() and not column[0].is_folder
+    named = any(CAMERA.search(piece.label) or _SERIAL.fullmatch(piece.text) for piece in column)
+    of_takes = len({piece.text for piece in column}) > 1 and any(
+        TAKE.search(p.label or p.text) for p in column
+    )
+    return len(own) > len({*cameras}) or of_takes or (number and (alone or not named))
+
+
+def _parse(
+    files: Sequence[Path], varying: Sequence[Row], camera: Row, *, stills: bool, still: bool
+) -> Parse | None:
+    """Return the reading in which a column is the camera's; None if each has one file, of its own number."""
+    texts = [piece.text for piece in camera]
+    cameras = {*texts}
+    alone = not camera[0].is_folder and min(Counter(texts).values()) == 1
+    rest = [column for column in varying if column is not camera and _is_free(column, texts, alone=alone)]
+    keys = [tuple(column[n].text for column in rest) for n in range(len(files))]
+    pairs, instants = {*zip(texts, keys, strict=True)}, {*keys}
+    if alone and len(pairs) == len(instants) > 1:
+        return None
+    counters = [
+        column
+        for column in rest
+        if column[0].text.isdecimal() or (not column[0].is_folder and _DIGIT.search(column[0].text))
+    ]
+    takes = [column for column in rest if not stills or _names_takes(column, counters)]
+    found: dict[str, dict[str, list[Path]]] = {}
+    for n, file in enumerate(files):
+        take = _take_name(takes, n)
+        found.setdefault(take, {}).setdefault(camera[n].name, []).append(file)
+    full = len(pairs) == len(cameras) * len(instants)
+    share = 2 if full else int(len(pairs) > 0.6 * len(cameras) * len(instants))
+    if len(instants) == 1 or (stills and camera[0].text.isdecimal() and not counters):
+        share = 0
+    # Words tell instants apart if no camera lacks one; in a camera's own folder they are of its frames.
+    others = [
+        piece.text
+        for column in ([] if full and not counters else rest)
+        for piece in column
+        if column not in takes
+        and (column[0].is_folder or not camera[0].is_folder)
+        and not _DIGIT.search(piece.text)
+    ]
+    return Parse(share + _evidence(camera, len(instants), still=still), found, others)
+
+
+def _names_takes(column: Row, counters: Sequence[Row]) -> bool:
+    """Return whether a column of images' names is of takes; `counters` may be of instants."""
+    counted = counters not in ([], [column])
+    numbered = counted and column[0].is_folder and all(_DIGIT.search(piece.text) for piece in column)
+    words = any(TAKE.search(piece.label or piece.text) for piece in column)
+    return numbered or (words and (counted or not column[0].text.isdecimal()))
+
+
+def _evidence(camera: Row, instants: int, *, still: bool) -> int:
+    """Return the evidence in a column's own words that it tells cameras apart."""
+    texts, labels = ({getattr(piece, of) for piece in camera} for of in ("text", "label"))
+    words = texts if labels == {""} else labels if len(labels) == 1 else ()
+    number = all(map(str.isdecimal, texts))
+    padded = number and any(re.match(r"0\d{3}", text) for text in texts)
+    serial = all(map(_SERIAL.fullmatch, texts)) and instants > len(texts)
+    score = (
+        2 * camera[0].is_folder
+        + 2 * (not any(map(_DIGIT.search, texts)))
+        - 2 * padded
+        + 2 * (still and number)
+    )
+    if serial or (not padded and any(map(CAMERA.search, words))):
+        return score + 4
+    return score - 4 * any(TAKE.search(word) or (number and _FRAME.fullmatch(word)) for word in words)

@@ -26,6 +26,7 @@
 # make bench NAME=record   ten minutes of recording by four cameras of 1080p30 MJPEG, 50 kills and 8 outages (30 min, 40 GB; BENCH="--seconds 60 --kills 0 --outages 0"; BENCH="--within 30 --kills 0 --outages 0": kills within it)
 # make bench NAME=throughput   how many cameras a recording bears, beside ffmpeg and a plain socket (3 min; BENCH="--rig 2x30 --load 10")
 # make bench NAME=folders   thirty folders of recordings as strangers have them: offset, error bar, truth and what was said (3 min; BENCH="--only lamp")
+# make bench NAME=folder-layouts   three hundred drawn folders of every layout, imported and scored by what their pictures show (5 min; BENCH="--seed 2 --only parts")
 # make bench NAME=panel   the time read off 200 rendered photographs of LED panels and 200 of screens, and whether its error bar holds (15 min; BENCH="--count 20")
 # make bench NAME=panel-takes   forty rendered recordings aligned by a screen's panel, and whether the error bars hold (30 min; BENCH="--count 8 --jobs 4")
 # make bench NAME=rig-time   the rig's time and marks of an operator, against the truth (a minute)
@@ -172,6 +173,7 @@ BENCH_phones := benchmarks.phones.phone_link
 BENCH_record := benchmarks.sessions.recording --kills 50 --outages 8
 BENCH_throughput := benchmarks.sessions.throughput
 BENCH_folders := benchmarks.sessions.folders
+BENCH_folder-layouts := benchmarks.sessions.folder_layouts
 BENCH_panel := benchmarks.panel.read_photographs
 BENCH_panel-takes := benchmarks.panel.align_takes
 BENCH_rig-time := benchmarks.clock.rig_time

@@ -134,7 +134,10 @@ def _read_table(
             notes.append(said)
     own = sources[0] if alone else None
     files = {image.name: n for n, image in enumerate(own.files)} if isinstance(own, Images) else {}
-    for where, line in lines:
+    # KITTI has a row more than pictures, whose names are the numbers of their rows, from 0.
+    places = {counter: n for n, counter in enumerate(own.name_numbers)} if own and not (frame or file) else {}
+    numbered = len(lines) > len(places) and (0,) in places
+    for row, (where, line) in enumerate(lines):
         label = "" if alone or camera is None else (line[camera] or "").strip()
         if label not in names:
             continue
@@ -142,6 +145,8 @@ def _read_table(
         image = PurePath((line[file] or "").strip()).name if file else ""
         # A table may list images that were not copied.
         if files and image and (number := files.get(image)) is None:
+            continue
+        if numbered and (number := places.get((row,))) is None:
             continue
         at_ns = _parse(where, line[time], ns)
         yield _Row(names[label], number, (line[group] or "").strip() if group else None, at_ns)
@@ -266,7 +271,7 @@ def _by_group(where: str, rows: Sequence[_Row], timed: Mapping[str, _Timed]) -> 
     return sorted(instants, key=lambda instant: instant.leader_ns)
 
 
-_SUFFIXES = (".csv", ".tsv")
+_SUFFIXES = (".csv", ".tsv", ".txt")
 _OF_TIMES = re.compile(
     r"[._\- ]*(frame|video)?[._\- ]*(times?|time_?stamps?|ts|metadata|data)$", re.IGNORECASE
 )

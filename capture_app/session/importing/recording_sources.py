@@ -5,7 +5,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from datetime import UTC, datetime
+from datetime import datetime
 from itertools import takewhile
 from pathlib import Path
 
@@ -25,6 +25,7 @@ from capture_app.session.importing.video_tracks import (
 )
 from capture_app.session.importing.views import Views
 from capture_app.session.reading.decoding import (
+    Exif,
     decode_image,
     decode_turned,
     encode_image,
@@ -51,6 +52,7 @@ _DATE = re.compile(
     # One or two digits after a dash are a counter within the second.
     r"(?:[.,]|[-_]?(?=\d{3}))?(\d*)"
 )
+_OFFSET = re.compile(r"[+-]\d\d:\d\d")
 _EPOCH = re.compile(r"(?<!\d)([1-9]\d*)(?:(?:\.|[_-](?=\d{6}(?!\d)|\d{9}(?!\d)))(\d+))?(?!\d)")
 _EPOCH_NS = {10: 9, 13: 6, 16: 3, 19: 0}
 """Number of digits of a Unix time, and the power of ten that converts it to ns."""
@@ -268,7 +270,9 @@ def later_chapters(path: Path) -> list[Path]:
 def _goes_on(first: Path, before: Path, path: Path) -> bool:
     """Return whether a recording that begins with the file `first` goes on in `path` after `before`."""
     counters = (numbers_in(_DATE.sub("", name)) for name in (before.stem, path.stem))
-    if path == before or not {b - a for a, b in zip(*counters, strict=False)} <= {0, 1}:
+    steps = {b - a for a, b in zip(*counters, strict=False)}
+    # A counter beside the time of day.
+    if path == before or not (steps <= {0, 1} or (min(steps) >= 0 and 1 in steps)):
         return False
     (_, whole_s), (began_s, own_s), (next_s, next_own_s) = map(clip_span, (first, before, path))
     if began_s is None or next_s is None:
@@ -356,10 +360,12 @@ def name_time_ns(path: Path) -> int:
     return _date_ns(path, match, match[7])
 
 
-def exif_time_ns(path: Path) -> int:
-    """Return a JPEG's capture time in EXIF, ns. Raises BadInputError if there is none."""
-    with rejecting(f"the EXIF of {path} is broken", ValueError, hint=_OTHER_TIMES):
-        exif = read_exif(read_input(path))
+def exif_time_ns(path: Path, *, zoned: bool = False) -> int:
+    """Return a JPEG's capture time in EXIF, ns; `zoned`: minus its difference from UTC, which it states.
+
+    Raises BadInputError if there is none.
+    """
+    exif = _exif_of(path)
     if (match := _DATE.search(exif.date)) is None:
         raise BadInputError(f"{path} has no EXIF that says when it was taken", hint=_OTHER_TIMES)
     part = exif.part_of_second.strip()
@@ -367,12 +373,22 @@ def exif_time_ns(path: Path) -> int:
         raise BadInputError(
             f"{path}: SubSecTimeOriginal in its EXIF is {part!r}, which is not a number", hint=_OTHER_TIMES
         )
-    return _date_ns(path, match, part)
+    return _date_ns(path, match, part, exif.offset if zoned else "+00:00")
 
 
-def _date_ns(path: Path, found: re.Match[str], fraction: str) -> int:
+def states_zone(path: Path) -> bool:
+    """Return whether a JPEG's EXIF states how far its time is ahead of UTC. Raises as `exif_time_ns`."""
+    return _OFFSET.fullmatch(_exif_of(path).offset) is not None
+
+
+def _exif_of(path: Path) -> Exif:
+    with rejecting(f"the EXIF of {path} is broken", ValueError, hint=_OTHER_TIMES):
+        return read_exif(read_input(path))
+
+
+def _date_ns(path: Path, found: re.Match[str], fraction: str, zone: str = "+00:00") -> int:
     with rejecting(f"{path} has an invalid time", ValueError, hint=_OTHER_TIMES):
-        moment = datetime.strptime(" ".join(found.groups()[:6]), "%Y %m %d %H %M %S").replace(tzinfo=UTC)
+        moment = datetime.strptime(" ".join([*found.groups()[:6], zone]), "%Y %m %d %H %M %S %z")
     return round(moment.timestamp()) * 1_000_000_000 + int((fraction or "0")[:9].ljust(9, "0"))
 
 

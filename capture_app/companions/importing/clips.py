@@ -9,7 +9,7 @@ import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import timedelta
-from itertools import chain, combinations, pairwise
+from itertools import combinations, pairwise
 from pathlib import Path
 from statistics import median
 
@@ -265,9 +265,8 @@ def _by_names(clips: Sequence[Clip], notes: list[str]) -> list[Shoot]:
     parse = choose(parse_names([clip.path for clip in clips], clips[0].path.parent, stills=False))
     if parse is None or len(parse.takes) < 2:
         return []
-    cameras: dict[str, list[Clip]] = {}
-    for name, (file,) in chain.from_iterable(take.items() for take in parse.takes.values()):
-        cameras.setdefault(name_like(name, "cam"), []).extend(clip for clip in clips if clip.path == file)
+    of = {clip.path: clip for clip in clips}
+    cameras = {name_like(name, "cam"): [of[file] for file in files] for name, files in parse.cameras.items()}
     return _of_cameras(cameras, notes)
 
 

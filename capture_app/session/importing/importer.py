@@ -28,12 +28,14 @@ from capture_app.session.importing.recording_sources import (
     folders_below,
     image_folder,
     images_in,
+    numbers_in,
     videos_in,
 )
 from capture_app.session.importing.views import Views
 
 GROUP = "simulshot.importers"
 CALIBRATION = re.compile(r"calib|intrinsic|extrinsic|board|checker|charuco", re.IGNORECASE)
+_COPIES = re.compile(r"(^|/)(@eadir|thumb(nail)?s?|previews?|prox(y|ies))(/|$)", re.IGNORECASE)
 CameraFiles = tuple[str, Path, list[Path]]
 """Name and path of a camera, and its files if the folder has those of other cameras."""
 _ONE_AT_A_TIME = "capture-app sessions import makes a session of each"
@@ -212,14 +214,20 @@ def takes_in(folder: Path) -> tuple[dict[str, list[CameraFiles]], list[str]]:
     videos = videos_in(folder)
     recorded = {path: path.name for path in folder.iterdir() if path.is_dir() and camera_importer(path)}
     places = [place for place in folders_below(folder) if place != folder and images_in(place)]
-    places = [place for place in places if not CALIBRATION.search(str(place.relative_to(folder)))] or places
+    places = [place for place in places if not _COPIES.search(place.relative_to(folder).as_posix())]
+    boards = [place for place in places if CALIBRATION.search(str(place.relative_to(folder)))]
+    if len(boards) < len(places) or images_in(folder):
+        places = [place for place in places if place not in boards]
     if videos and (recorded or places):
         raise BadInputError(f"{folder} has both videos and folders of images", hint="name them: NAME=PATH")
     if videos or recorded:
         named = [(path.stem, path) for path in videos] or [(name, path) for path, name in recorded.items()]
         return {"": [(name_like(name, f"cam{n}"), path, []) for n, (name, path) in enumerate(named)]}, []
     files = sorted(file for place in places or [folder] for file in images_in(place))
-    parses = parse_names(files, folder)
+    # A picture of the set beside the cameras' has no number, or more.
+    counts = Counter(len(numbers_in(file.stem)) for file in files)
+    usual = [file for file in files if 4 * counts[len(numbers_in(file.stem))] > 3 * len(files)]
+    parses = parse_names(usual or files, folder)
     if (parse := choose(parses)) is None and len(places) == 1:
         alone = name_like(places[0].relative_to(folder).parts[0], "cam0")
         return {"": [(alone, places[0], [])]}, []
@@ -236,7 +244,9 @@ def takes_in(folder: Path) -> tuple[dict[str, list[CameraFiles]], list[str]]:
         ]
         for take, cameras in parse.takes.items()
     }
-    return takes, [f"by their names: {parse}"]
+    apart = {path for cameras in takes.values() for _, path, _ in cameras}
+    # A folder a camera needs no words.
+    return takes, [f"by their names: {parse}"] * (len(takes) > 1 or len(apart) < len(takes[""]))
 
 
 def _undecided(

@@ -13,7 +13,8 @@ from pathlib import Path
 from unicodedata import normalize
 
 CAMERA = re.compile(
-    r"cam|left|right|front|back|side|top|view|gopro|phone|pixel|ipad|galaxy|canon|sony|angle|^c$",
+    r"cam|kamera|cámara|caméra|камера|カメラ|相机|相機|كاميرا|left|right|front|back|side|top|view|"
+    r"gopro|phone|pixel|ipad|galaxy|canon|sony|angle|^(c|ch|pi)$",
     re.IGNORECASE,
 )
 """Words in the names of cameras; of a number, the word before it."""
@@ -22,10 +23,11 @@ TAKE = re.compile(
     re.IGNORECASE,
 )
 """Words in the names of takes, and years."""
-_FRAME = re.compile(r"(frame|img|image|pic|picture|dsc|still)s?", re.IGNORECASE)
+_INSTANT = re.compile(r"(frame|time|step|shot|t)s?", re.IGNORECASE)
 """Words before the number of an instant."""
-_SERIAL = re.compile(r"(?!(19|20)\d{6}$)[1-9]\d{6,8}")
-"""A camera's serial number, which is not a date."""
+_SERIAL = re.compile(r"(?!(19|20)\d{6}$|([01]\d|2[0-3])[0-5]\d[0-5]\d{4}$)[1-9]\d{6,8}")
+"""A camera's serial number, which is neither a date nor a time of day in ms."""
+_AROUND = re.compile(r"(.*?)[\s_.-]*(\d+)[\s_.-]*(\D*)")
 _DIGIT = re.compile(r"\d")
 _MARGIN = 2
 """Least score of a parse that is taken, and its least distance from every other one."""
@@ -56,8 +58,16 @@ class Parse:
     others: Sequence[str] = ()
     """Words that name neither cameras nor takes, such as `depth`."""
 
+    @property
+    def cameras(self) -> dict[str, list[Path]]:
+        """The files of each camera in all takes."""
+        cameras: dict[str, list[Path]] = {}
+        for name, files in chain.from_iterable(take.items() for take in self.takes.values()):
+            cameras.setdefault(name, []).extend(files)
+        return cameras
+
     def __str__(self) -> str:
-        cameras = [*dict.fromkeys(chain.from_iterable(self.takes.values()))]
+        cameras = [*self.cameras]
         takes = f"; take = {', '.join(self.takes)}" if len(self.takes) > 1 else ""
         instants = max(len(files) for of in self.takes.values() for files in of.values())
         some = ", ".join([*cameras[:6], *["..."] * (len(cameras) > 6)])
@@ -74,11 +84,14 @@ def parse_names(files: Sequence[Path], root: Path, *, stills: bool = True) -> li
     varying = [column for column in columns if len({piece.text for piece in column}) > 1]
     # A counter that stands still: one instant of what is counted before it.
     still = [n for n, one in enumerate(columns) if one not in varying and re.match(r"0\d", one[0].text)]
-    parses = (
+    parses = [
         _parse(files, varying, column, stills=stills, still=any(n > columns.index(column) for n in still))
-        for column in varying
-    )
-    return sorted(filter(None, parses), key=lambda parse: -parse.score)
+        for column in reversed(varying)
+    ]
+    # Columns that part the files in the same way are one reading, by the outermost of the best.
+    found = sorted(filter(None, parses), key=lambda parse: parse.score)
+    alike = {frozenset(map(tuple, one.cameras.values())): one for one in found}
+    return sorted(alike.values(), key=lambda parse: -parse.score)
 
 
 def choose(parses: Sequence[Parse]) -> Parse | None:
@@ -117,20 +130,20 @@ def _columns(files: Sequence[Path], root: Path) -> list[Row]:
 
 
 def _stems(files: Sequence[Path]) -> list[Row]:
-    """Return the pieces of each name, as many for each: words and numbers, all words as one, or the name."""
-    stems = [_pieces(normalize("NFC", file.stem)) for file in files]
-    if len({tuple(piece.text.isdecimal() for piece in stem) for stem in stems}) > 1:
-        words = ["-".join(piece.text for piece in stem if not piece.text.isdecimal()) for stem in stems]
-        numbers = [[piece for piece in stem if piece.text.isdecimal()] for stem in stems]
-        if not all(words) or len({*map(len, numbers)}) > 1:
-            return [(Piece(file.stem, "", file.stem),) for file in files]
-        return [(Piece(word, "", word), *own) for word, own in zip(words, numbers, strict=True)]
-    return stems
+    """Return as many pieces of each name: words and numbers, or the last number with its sides, or all."""
+    names = [normalize("NFC", file.stem) for file in files]
+    stems = [_pieces(name) for name in names]
+    if len({tuple(piece.text.isdecimal() for piece in stem) for stem in stems}) == 1:
+        return stems
+    parted = [match.groups() for name in names if (match := _AROUND.fullmatch(name))]
+    if len(parted) < len(names) or len({(not head, not tail) for head, _, tail in parted}) > 1:
+        parted = [(name,) for name in names]
+    return [tuple(Piece(text, "", text) for text in parts if text) for parts in parted]
 
 
 def _pieces(stem: str) -> Row:
     pieces, begin, end, word = list[Piece](), 0, 0, ""
-    for match in re.finditer(r"\d+|[^\W\d_]+", stem):
+    for match in re.finditer(r"\d+|[^\d\s_.,+=()\[\]-]+", stem):
         label = word if match[0].isdecimal() else ""
         joined = label and (end == match.start() or CAMERA.search(label))
         pieces.append(Piece(match[0], label, stem[begin if joined else match.start() : match.end()]))
@@ -146,9 +159,9 @@ def _is_free(column: Row, cameras: Sequence[str], *, alone: bool = False) -> boo
     own = {(camera, piece.text) for camera, piece in zip(cameras, column, strict=True)}
     number = column[0].text.isdecimal() and not column[0].is_folder
     named = any(CAMERA.search(piece.label) or _SERIAL.fullmatch(piece.text) for piece in column)
-    of_takes = len({piece.text for piece in column}) > 1 and any(
-        TAKE.search(p.label or p.text) for p in column
-    )
+    # Two numbers of each camera, as a place and a serial number.
+    named |= len({piece.text for piece in column}) == len({*cameras}) and all(map(str.isdecimal, cameras))
+    of_takes = len({piece.text for piece in column}) > 1 and _names_takes(column, [()])
     return len(own) > len({*cameras}) or of_takes or (number and (alone or not named))
 
 
@@ -187,30 +200,33 @@ def _parse(
         and (column[0].is_folder or not camera[0].is_folder)
         and not _DIGIT.search(piece.text)
     ]
-    return Parse(share + _evidence(camera, len(instants), still=still), found, others)
+    # Of videos, two takes are as many as a camera needs to have a serial number.
+    most = len(instants) if stills else len(instants) * len(cameras)
+    return Parse(share + _evidence(camera, most, still=still), found, others)
 
 
-def _names_takes(column: Row, counters: Sequence[Row]) -> bool:
-    """Return whether a column of images' names is of takes; `counters` may be of instants."""
-    counted = counters not in ([], [column])
-    numbered = counted and column[0].is_folder and all(_DIGIT.search(piece.text) for piece in column)
-    words = any(TAKE.search(piece.label or piece.text) for piece in column)
-    return numbered or (words and (counted or not column[0].text.isdecimal()))
+def _names_takes(column: Row, counters: Sequence[Row] = ()) -> bool:
+    """Return whether a column is of takes, by its words, or as a numbered folder; `counters` may be instants.
+
+    A numbered folder without other counters holds an instant.
+    """
+    counted = any(one is not column for one in counters)
+    numbered = all(_DIGIT.search(piece.text) for piece in column)
+    # Years are of takes in the names of folders only.
+    words = (p.label or ("" if _DIGIT.search(p.text) and not p.is_folder else p.text) for p in column)
+    of_takes = any(map(TAKE.search, words))
+    return (counted and numbered and column[0].is_folder) or (of_takes and (counted or not numbered))
 
 
 def _evidence(camera: Row, instants: int, *, still: bool) -> int:
     """Return the evidence in a column's own words that it tells cameras apart."""
     texts, labels = ({getattr(piece, of) for piece in camera} for of in ("text", "label"))
-    words = texts if labels == {""} else labels if len(labels) == 1 else ()
+    words = texts if labels == {""} else labels if len(labels) == 1 else set[str]()
     number = all(map(str.isdecimal, texts))
-    padded = number and any(re.match(r"0\d{3}", text) for text in texts)
     serial = all(map(_SERIAL.fullmatch, texts)) and instants > len(texts)
-    score = (
-        2 * camera[0].is_folder
-        + 2 * (not any(map(_DIGIT.search, texts)))
-        - 2 * padded
-        + 2 * (still and number)
-    )
-    if serial or (not padded and any(map(CAMERA.search, words))):
+    score = 2 * camera[0].is_folder + 2 * (not any(map(_DIGIT.search, texts)))
+    if serial or (any(map(CAMERA.search, words)) and not (number and max(map(len, texts)) > 3)):
         return score + 4
-    return score - 4 * any(TAKE.search(word) or (number and _FRAME.fullmatch(word)) for word in words)
+    counts = any(TAKE.search(word) or _INSTANT.fullmatch(re.sub(r"[\W\d_]+$", "", word)) for word in words)
+    padded = number and any(re.match(r"0\d\d", text) for text in texts)
+    return score - 4 * counts + 2 * number * (still - (padded and not still))

@@ -49,6 +49,28 @@ IMAGES: dict[str, tuple[Sequence[str], str]] = {
         [f"drive_{d:04}/image_{c:02}/data/{n:010}" for d, c, n in product((1, 5), (0, 1), FIVE)],
         "image_00, image_01; take = drive_0001, drive_0005; 5 instants",
     ),
+    "one number twice": (
+        [f"{c}/{c}_{n:08}" for c, n in product(("00_00", "00_01"), FIVE)],
+        "00_00, 00_01; 5 instants",
+    ),
+    "names of renders": (
+        [f"{c}_{n:04}" for c, n in product(("Camera", "Camera.001"), FIVE)],
+        "Camera, Camera.001; 5 instants",
+    ),
+    "no letters": ([f"{c}.img.{n}" for c, n in product("🔴🔵", FIVE)], "🔴, 🔵; 5 instants"),
+    "serial numbers beside times of day": (
+        [f"acA19__{c}__143002{n:03}_{n:04}" for c, n in product((22456780, 22456783), FIVE)],
+        "22456780, 22456783; 5 instants",
+    ),
+    "a counter of three digits": (
+        [f"im{c}_{n:03}" for c, n in product((0, 1), FIVE)],
+        "im0, im1; 5 instants",
+    ),
+    "folders of shots": ([f"shot{n}/c{c}" for n, c in product(FIVE, (0, 1))], "c0, c1; 5 instants"),
+    "one photo of each phone": (
+        ["anna/PXL_20240615_0930", "ben/IMG_20240615_0931"],
+        "anna, ben; one instant",
+    ),
     "folders of takes": (
         [f"{t}/{c}{n}" for t, c, n in product("12", LR, FIVE)],
         "left, right; take = 1, 2; 5 instants",
@@ -61,9 +83,18 @@ QUESTIONS: dict[str, Sequence[str]] = {
     "seconds and a counter": [f"20260131_{n // 2 + 142530}_{n % 2}" for n in range(6)],
     "folders of numbers": [f"{n:06}/{c}" for n, c in product(FIVE, (0, 1))],
     "pictures of other numbers": ["left_001", "right_002"],
+    "folders of frames and numbers": [f"t{n:03}/{c}" for n, c in product(FIVE, (0, 1))],
     "two actions": [f"{t}_{n}" for t, n in product(("walk", "run"), FIVE)],
 }
 VIDEOS: dict[str, tuple[Sequence[str], str]] = {
+    "takes that have a number or none": (
+        [f"{a}.{c}" for a, c in product(("Eating 1", "Eating"), (54138969, 55011271, 58860488))],
+        "54138969, 55011271, 58860488; take = Eating 1, Eating; one instant",
+    ),
+    "a place and a serial number": (
+        [f"Walk0{t}_Miqus_{n}_{2309 + n}" for t, n in product((1, 2), (1, 2, 3))],
+        "1, 2, 3; take = Walk01, Walk02; one instant",
+    ),
     "cameras and takes": (
         ["cam1_take1", "cam1_take2", "cam2_take1"],
         "cam1, cam2; take = take1, take2; one instant",
@@ -151,3 +182,38 @@ def test_pictures_of_one_instant_are_one_instant(tmp_path: Path, capsys: pytest.
     assert times is not None
     assert times.unknown
     assert "not used: notes.txt" in capsys.readouterr().err
+
+
+def test_small_copies_and_pictures_of_the_set_are_not_cameras(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    names = [f"{camera}_{n:03}.jpg" for n, camera in product(FIVE, LR)]
+    copies = [f"thumbs/{name}" for name in names] + [f"calibration/{name}" for name in names[:4]]
+    for name in [*names, *copies, "setup.jpg"]:
+        (tmp_path / "in" / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / "in" / name).write_bytes(jpeg(1))
+    arguments = ["--fps", "30", "--out", str(tmp_path), "--name", "s"]
+    assert run(["sessions", "import", str(tmp_path / "in"), *arguments]) == ExitCode.OK
+    assert [len(images) for images in Session.open(tmp_path / "s").images_by_instant()] == [2] * 5
+    said = capsys.readouterr().err
+    assert "setup.jpg" in said
+    assert "thumbs: 10 .jpg" in said
+
+
+@pytest.mark.parametrize(
+    ("names", "fine"), [(("a/1", "a/2", "b/7", "b/8"), True), (("a/1", "a/2", "b/7", "b/9"), False)]
+)
+def test_counters_that_never_meet_are_paired_by_place_if_none_has_a_gap(
+    tmp_path: Path, names: Sequence[str], *, fine: bool
+) -> None:
+    for name in names:
+        (tmp_path / "in" / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / "in" / f"{name}.jpg").write_bytes(jpeg(1))
+    arguments = ["--fps", "30", "--out", str(tmp_path), "--name", "s"]
+    assert run(["sessions", "import", str(tmp_path / "in"), *arguments]) == (
+        ExitCode.OK if fine else ExitCode.BAD_INPUT
+    )
+    if fine:
+        times = Session.open(tmp_path / "s").manifest.burst.common_times
+        assert times is not None
+        assert "paired by their place" in times.reason

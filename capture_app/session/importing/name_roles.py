@@ -9,6 +9,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain
+from os.path import commonpath
 from pathlib import Path
 from unicodedata import normalize
 
@@ -101,16 +102,22 @@ def choose(parses: Sequence[Parse]) -> Parse | None:
 
 
 def take_names(cameras: Mapping[str, Sequence[Path]]) -> dict[Path, str]:
-    """Return what each file's name has beside its camera's own words: equal for files of one take."""
+    """Return what each file's path has beside its camera's own words: equal for files of one take.
+
+    The files are in one folder, or each camera's in one of its own, at any depth.
+    """
     files = [*chain.from_iterable(cameras.values())]
     texts = [name for name, own in cameras.items() for _ in own]
-    rest = [column for column in zip(*_stems(files), strict=True) if _is_free(column, texts)]
+    columns = _columns(files, Path(commonpath([file.parent for file in files])))
+    rest = [
+        column for column in columns[columns != [] and columns[0][0].is_folder :] if _is_free(column, texts)
+    ]
     names = [_take_name(rest, n).casefold() for n in range(len(files))]
-    twice = {name for (_, name), n in Counter(zip(texts, names, strict=True)).items() if n > 1}
-    # Then the types of file tell them apart.
-    return {
-        file: name + file.suffix.casefold() * (name in twice) for file, name in zip(files, names, strict=True)
-    }
+    # Where these do not tell a camera's files apart, their types do, or nothing.
+    for other in ([file.suffix.casefold() for file in files], [*map(str, files)]):
+        twice = {own[1] for own, n in Counter(zip(texts, names, strict=True)).items() if n > 1}
+        names = [name + more * (name in twice) for name, more in zip(names, other, strict=True)]
+    return dict(zip(files, names, strict=True))
 
 
 def _take_name(columns: Sequence[Row], n: int) -> str:
@@ -126,7 +133,7 @@ def _columns(files: Sequence[Path], root: Path) -> list[Row]:
     depth = min(map(len, above), default=0)
     folders = (tuple(Piece(name, "", name, is_folder=True) for name in parts[:depth]) for parts in above)
     rows = [(*folder, *stem) for folder, stem in zip(folders, _stems(files), strict=True)]
-    return [*zip(*rows, strict=True)] if len({*rows}) == len(files) else []
+    return [*zip(*rows, strict=True)] if len({*rows}) == len({file.with_suffix("") for file in files}) else []
 
 
 def _stems(files: Sequence[Path]) -> list[Row]:

@@ -157,19 +157,15 @@ def find_shoots(folder: Path) -> tuple[list[Shoot], list[str]]:
     shoots: list[Shoot] = []
     notes: list[str] = []
     own = _usable(videos_in(folder), notes, folder)
-    inner = {path: clips for path in sorted(folder.iterdir()) if (clips := _clips_below(path, notes, folder))}
-    for path, clips in inner.items():
-        of_boards = [clip for clip in clips if CALIBRATION.search(str(clip.path.parent.relative_to(path)))]
-        if 0 < len(of_boards) < len(clips):
-            inner[path] = [clip for clip in clips if clip not in of_boards]
-            notes.append(
-                f"left out {path.name}: {count(len(of_boards), 'clip')} that look like calibration; "
-                "reconstruct calibrate takes them"
-            )
-    boards = [path for path in inner if CALIBRATION.search(path.name)]
-    for path in boards if len(inner) > len(boards) or own else ():
-        notes.append(f"left out {path.name}: looks like calibration; reconstruct calibrate takes it")
-        del inner[path]
+    below = {path: clips for path in sorted(folder.iterdir()) if (clips := _clips_below(path, notes, folder))}
+    films = {path: [clip for clip in clips if not _of_board(clip, folder)] for path, clips in below.items()}
+    inner = {path: clips for path, clips in films.items() if clips} if own or any(films.values()) else below
+    notes += [
+        f"left out {path.name}: {count(boards, 'clip')} that look like calibration; "
+        "reconstruct calibrate takes them"
+        for path, clips in below.items()
+        if (boards := len(clips) - len(inner.get(path, ())))
+    ]
     if len(inner) == 1 and not own:
         # Unreadable files there were reported already, when its clips were searched.
         shoots, deeper = find_shoots(next(iter(inner)))
@@ -183,6 +179,10 @@ def find_shoots(folder: Path) -> tuple[list[Shoot], list[str]]:
         notes += [f"left out {clip.path.name}: beside the cameras' folders" for clip in own]
         shoots = _of_folders(inner, notes)
     return shoots, notes
+
+
+def _of_board(clip: Clip, root: Path) -> bool:
+    return CALIBRATION.search(str(clip.path.parent.relative_to(root))) is not None
 
 
 def _usable(paths: Sequence[Path], notes: list[str], root: Path) -> list[Clip]:

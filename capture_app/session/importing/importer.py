@@ -38,6 +38,15 @@ CALIBRATION = re.compile(r"calib|intrinsic|extrinsic|board|checker|charuco", re.
 _COPIES = re.compile(r"(^|/)(@eadir|thumb(nail)?s?|previews?|prox(y|ies))(/|$)", re.IGNORECASE)
 CameraFiles = tuple[str, Path, list[Path]]
 """Name and path of a camera, and its files if the folder has those of other cameras."""
+UNREAD = {
+    "": "it needs a subfolder of images or a video file for each camera",
+    ".heic": "convert it to JPEG: heif-convert {file} FILE.jpg",
+    ".heif": "convert it to JPEG: heif-convert {file} FILE.jpg",
+    ".gif": "convert it: ffmpeg -i {file} FILE.mp4",
+    ".mcap": "name the file: capture-app sessions import {file}",
+    ".db3": "a bag of ROS 2 needs its metadata.yaml: ros2 bag reindex {folder}",
+}
+"""What to do with files, by their suffix, where a folder has nothing that is read."""
 _ONE_AT_A_TIME = "capture-app sessions import makes a session of each"
 
 
@@ -257,8 +266,13 @@ def _undecided(
     if not files and archives:
         return _archive(archives[0])
     if not files:
+        below = (path for place in folders_below(folder) for path in sorted(place.iterdir()))
+        other = next((path for path in below if path.suffix.lower() in UNREAD), folder)
         return BadInputError(
-            f"no cameras in {folder}", hint="it needs a subfolder of images or a video file for each camera"
+            f"no cameras in {folder}{'' if other == folder else f': {other.name} is not read there'}",
+            hint=UNREAD.get(other.suffix.lower(), UNREAD[""]).format(
+                file=command_line(str(other)), folder=command_line(str(other.parent))
+            ),
         )
     likely = [parse for parse in parses if not parse.others][:2]
     options = "".join(f"; or {parse}: {_command(next(iter(parse.takes.values())))}" for parse in likely)

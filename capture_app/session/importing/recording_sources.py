@@ -35,7 +35,7 @@ from capture_app.session.reading.decoding import (
 
 VIDEO_SUFFIXES = (
     *(".mp4", ".mov", ".avi", ".mkv", ".m4v", ".webm", ".insv"),
-    *(".mjpg", ".mjpeg", ".mpg", ".mpeg", ".h264", ".264", ".mts", ".m2ts", ".ts"),
+    *(".mjpg", ".mjpeg", ".mpg", ".mpeg", ".h264", ".264", ".mts", ".m2ts", ".ts", ".wmv"),
 )
 ARCHIVE_SUFFIXES = (".zip", ".tar", ".gz", ".tgz", ".7z", ".rar")
 MAX_DEPTH = 12
@@ -147,7 +147,7 @@ def image_folder(name: str, path: Path, some: Sequence[Path] = ()) -> Images:
     # The number in a single image's name may be its camera's or its time's.
     names = [str(file.relative_to(path).with_suffix("")) for file in files] if path.is_dir() else ()
     source.name_numbers = [numbers_in(name) for name in names]
-    source.notes = _describe_links(files)
+    source.notes = [*_describe_links(files), *_describe_tiff(name, files[0])]
     return source
 
 
@@ -156,6 +156,25 @@ def _describe_links(files: Sequence[Path]) -> list[str]:
     away = [file for file in files if file.is_symlink() and file.resolve().parent != file.parent.resolve()]
     followed = f"{count(len(away), 'link')} out of the folder followed"
     return [f"{followed}, such as {file} to {file.resolve()}" for file in away[:1]]
+
+
+def _describe_tiff(name: str, file: Path) -> list[str]:
+    """Return what a camera's first TIFF has that an import or an export leaves out; none if nothing."""
+    if file.suffix.lower() not in (".tif", ".tiff"):
+        return []
+    import cv2
+
+    image = cv2.imread(str(file), cv2.IMREAD_UNCHANGED) if (pages := cv2.imcount(str(file))) else None
+    depth = (
+        ""
+        if image is None or image.itemsize < 2
+        else f"16 bits, of which {int(image.max()).bit_length()} are used"
+    )
+    says = {
+        f"has {pages} pages, of which the first is imported; the others need files of their own": pages > 1,
+        f"has {depth}: exports of 8 bits take the upper ones": depth,
+    }
+    return [f"{name}: {file.name} {say}" for say, holds in says.items() if holds]
 
 
 def upright(data: bytes, suffix: str) -> bytes:

@@ -5,6 +5,8 @@ from dataclasses import replace
 from itertools import product
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
 
 from capture_app.cli import run
@@ -140,3 +142,36 @@ def test_a_link_out_of_the_folder_is_followed_and_said(
         f"1 link out of the folder followed, such as {tmp_path / 'in' / 'a' / '2.jpg'} to {private}" in said
     )
     assert said.count("followed") == 1
+
+
+@pytest.mark.parametrize(
+    ("name", "advice"),
+    [
+        ("IMG_0001.HEIC", "heif-convert"),
+        ("a.gif", "ffmpeg -i"),
+        ("bag_0.mcap", "capture-app sessions import"),
+        ("bag_0.db3", "ros2 bag reindex"),
+        ("notes.txt", "it needs a subfolder of images"),
+    ],
+)
+def test_what_is_not_read_is_named_with_what_to_do(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str, advice: str
+) -> None:
+    (tmp_path / "in").mkdir()
+    (tmp_path / "in" / name).write_bytes(b"x")
+    said = refused(tmp_path / "in", capsys)
+    assert "no cameras in" in said
+    assert advice in said
+    assert (name in said) == (name != "notes.txt")
+
+
+def test_what_a_tiff_has_besides_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    pages = [np.full((12, 16), 4000, np.uint16), np.zeros((12, 16), np.uint16)]
+    for camera, kept in (("a", pages), ("b", [page.astype(np.uint8) for page in pages[:1]])):
+        (tmp_path / "in" / camera).mkdir(parents=True)
+        cv2.imwritemulti(str(tmp_path / "in" / camera / "0.tiff"), kept)
+    imported(tmp_path / "in", "--fps", "30")
+    said = capsys.readouterr().err
+    assert "a: 0.tiff has 2 pages, of which the first is imported" in said
+    assert "a: 0.tiff has 16 bits, of which 12 are used" in said
+    assert "b: 0.tiff" not in said

@@ -266,7 +266,8 @@ def _by_names(clips: Sequence[Clip], notes: list[str]) -> list[Shoot]:
     if parse is None or len(parse.takes) < 2:
         return []
     of = {clip.path: clip for clip in clips}
-    cameras = {name_like(name, "cam"): [of[file] for file in files] for name, files in parse.cameras.items()}
+    named = enumerate(parse.cameras.items())
+    cameras = {name_like(name, f"cam{n}"): [of[file] for file in files] for n, (name, files) in named}
     return _of_cameras(cameras, notes)
 
 

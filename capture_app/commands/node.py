@@ -1,6 +1,7 @@
 """`capture-app node`: one camera, synchronized with the others of its leader."""
 
 import functools
+import socket
 from pathlib import Path
 
 import click
@@ -19,6 +20,7 @@ from capture_app.commands.shared_options import (
 from capture_app.common import system
 from capture_app.common.address import Address
 from capture_app.common.clock import parse_clock
+from capture_app.common.names import check_label, folder_names, name_like
 from capture_app.console.terminal import FiniteRange, log_line, print_line, talk
 from capture_app.console.usage import examples
 
@@ -33,7 +35,7 @@ from capture_app.console.usage import examples
         "capture-app node --camera v4l2:/dev/video0 --leader 192.168.1.20 --at-boot",
     )
 )
-@name_option("Name of this node and its camera; several are named NAME-DEVICE.")
+@name_option("Name of this node and its camera; several are named NAME-DEVICE.", check_label)
 @click.option(
     "--camera",
     "specs",
@@ -106,11 +108,13 @@ def node(
     from capture_app.node.camera.node_group import camera_node, name_cameras, run_nodes
     from capture_app.node.camera.spool import free_spool
 
-    named = name_cameras(name, specs)
+    # Two machines' names without a letter of ASCII differ by the machines'.
+    (folder,) = folder_names([name], "node", name_like(socket.gethostname(), "node"))
+    named = name_cameras(folder, specs)
     if at_boot is not None:
-        _arrange_boot(name, at_boot, yes)
+        _arrange_boot(folder, name, at_boot, yes)
         return
-    clock = parse_clock(clock_text, node=name)
+    clock = parse_clock(clock_text, node=folder)
     leaders = leaders_to_join(leaders, pin, code, next(iter(named)))
     from capture_app.protocol.log import Log
 
@@ -119,6 +123,7 @@ def node(
         label: camera_node(
             label,
             spec,
+            label=label.replace(folder, name, 1),
             leaders=leaders,
             clock=clock,
             tolerance_ns=None if tolerance_us is None else round(tolerance_us * 1000),
@@ -138,10 +143,10 @@ def _log_line_of(name: str, line: str) -> None:
     log_line(f"{name}: {line}")
 
 
-def _arrange_boot(name: str, at_boot: bool, yes: bool) -> None:
+def _arrange_boot(name: str, label: str, at_boot: bool, yes: bool) -> None:
     from capture_app.machine.boot_service import BootService
 
-    service = BootService(name, ("node", "--name", name, *_typed_options("name", "at_boot", "yes")))
+    service = BootService(name, ("node", "--name", label, *_typed_options("name", "at_boot", "yes")))
     if not at_boot:
         service.remove()
         talk(f"{name} no longer starts with this machine")

@@ -177,13 +177,19 @@ _replace_option = click.option("--replace", is_flag=True, help="Replace an earli
 @_replace_option
 @json_option
 def sheet(session: Path, out: Path, width: int, replace: bool, as_json: bool) -> None:
-    """Write the contact sheet of SESSION: cameras across, instants down."""
+    """Write the contact sheet of SESSION: cameras across, instants down.
+
+    If all instants would be too tall for a picture, every Nth is on it; a smaller --width shows more.
+    """
     from capture_app.session.reading.decoding import encode_image
-    from capture_app.session.reading.take_sheet import contact_sheet
+    from capture_app.session.reading.take_sheet import contact_sheet, sheet_instants
 
     suffix = _check_file(out, (".jpg", ".jpeg", ".png"), replace=replace)
     opened = TakeSheet.open(session)
-    picture = contact_sheet(opened, width, show_count("images"))
+    shown = sheet_instants(opened, width)
+    if shown.step > 1:
+        talk(f"one in {shown.step} instants is shown: all {opened.instants} are too tall for a picture")
+    picture = contact_sheet(opened, width, show_count("images"), shown)
     _write(out, encode_image(picture, suffix))
     answer(
         as_json,
@@ -192,6 +198,7 @@ def sheet(session: Path, out: Path, width: int, replace: bool, as_json: bool) ->
             "sheet": str(out),
             "cameras": opened.cameras,
             "instants": opened.instants,
+            "every": shown.step,
             "width": picture.shape[1],
             "height": picture.shape[0],
             "verdict": opened.verdict,

@@ -36,7 +36,7 @@ def list_lines(found: Sequence[SessionCard]) -> Iterator[str]:
     """Yield a table of the sessions, and a line for each unusable one."""
     rows = [
         (
-            *(session.name, format_date(session.created)),
+            *(session.shown, format_date(session.created)),
             *map(str, (len(session.cameras), session.instants, session.images, session.missing)),
             session.origin,
         )
@@ -105,7 +105,7 @@ def _camera_row(manifest: Manifest, camera: CameraRecord) -> tuple[str, ...]:
     images = [image for image in manifest.images if image.camera == camera.name]
     dropped = sum(missing.dropped for missing in manifest.missing if missing.camera == camera.name)
     return (
-        camera.name,
+        manifest.labels[camera.name],
         f"{camera.facts.width}x{camera.facts.height}",
         str(len(images)),
         _worst([image.uncertainty_ns for image in images]),

@@ -84,11 +84,11 @@ leaders_option = click.option(
 )
 
 
-def name_option(text: str) -> Callable[[F], F]:
+def name_option(text: str, check: Callable[..., str] = check_name) -> Callable[[F], F]:
     """Make the option --name of a node or a relay; `text` is its help."""
     return click.option(
         "--name",
-        type=ParsedType("text", functools.partial(check_name, what="node")),
+        type=ParsedType("text", functools.partial(check, what="node")),
         default=lambda: name_like(socket.gethostname().split(".")[0], "node"),
         show_default="the host name",
         help=text,

@@ -1,7 +1,11 @@
-"""Names of cameras, nodes, rigs and sessions: their syntax, which is valid for folders, and their order."""
+"""Names of cameras, nodes, rigs and sessions: their syntax, which is valid for folders, and their order.
+
+A label is what an owner wrote, in any script; the folder's name that is made of it is a `Name`.
+"""
 
 import re
-from collections.abc import Collection, Iterable
+from collections import Counter
+from collections.abc import Collection, Iterable, Sequence
 from itertools import chain, count
 from typing import Annotated
 from unicodedata import combining, normalize
@@ -13,11 +17,15 @@ from capture_app.common.errors import BadInputError
 _MAX_LENGTH = 64
 _PATTERN = rf"[A-Za-z0-9][A-Za-z0-9_.-]{{0,{_MAX_LENGTH - 1}}}"
 _FORBIDDEN = re.compile(r"[^A-Za-z0-9_.-]+")
+_NO_LABEL = re.compile(r"[\x00-\x1f\x7f-\x9f=/\\]+")
 _RESERVED = re.compile(r"^(con|prn|aux|nul|com\d|lpt\d)(?=\.|$)", re.IGNORECASE)
 """Windows' devices: a folder cannot have their names, whatever follows a dot, and none may end with a dot."""
 
 Name = Annotated[str, Meta(pattern=rf"^{_PATTERN}$(?!\n)")]
 """Type of a name in messages and records. Python's `$` alone would accept a line end after it."""
+
+Label = Annotated[str, Meta(max_length=255)]
+"""Type of a label in messages and records; 255 is the longest name of a file."""
 
 
 def is_name(text: str) -> bool:
@@ -30,7 +38,7 @@ def check_name(text: str, what: str) -> str:
 
     Names that are no folders on Windows are refused on all systems, because sessions travel.
     """
-    if not is_name(text) or text.endswith(".") or _RESERVED.match(text):
+    if not _is_folder_name(text):
         near = name_like(text, "")
         raise BadInputError(
             f"{text!r} is not a valid name for a {what}",
@@ -38,6 +46,44 @@ def check_name(text: str, what: str) -> str:
             + (f", such as {near}" if near else ""),
         )
     return text
+
+
+def _is_folder_name(text: str) -> bool:
+    return is_name(text) and not text.endswith(".") and not _RESERVED.match(text)
+
+
+def label_of(text: str) -> str:
+    """Return a text as a label: in one form of Unicode (NFC), without what `NAME=PATH` cannot have."""
+    # Names of files need not be UTF-8.
+    valid = _NO_LABEL.sub("-", normalize("NFC", text)).encode("utf-8", "replace").decode()
+    return " ".join(valid.split())[:255]
+
+
+def check_label(text: str, what: str) -> str:
+    """Return a text as a label of `what` it names. Raises BadInputError if it cannot be one."""
+    return label_of(text) if text.strip() and not _NO_LABEL.search(text) else check_name(text, what)
+
+
+def label_key(text: str) -> str:
+    """Return what equal labels have in common, whatever their letter case and their form of Unicode."""
+    return normalize("NFC", normalize("NFC", text).casefold())
+
+
+def folder_names(labels: Sequence[str], what: str, otherwise: str) -> list[str]:
+    """Return a folder's name for each label: itself if it can be one, else the nearest that is free.
+
+    `otherwise`, with the label's place, is the name of labels without a letter of ASCII. Raises BadInputError
+    for labels that other systems may take for one: `what` they name is for the error.
+    """
+    keys = Counter(map(label_key, labels))
+    if twice := [label for label in labels if keys[label_key(label)] > 1]:
+        raise BadInputError(f"two {what}s are named {twice[0]}", hint="name them: NAME=PATH")
+    names: dict[str, str] = {}
+    # A folder's name is first of all that of the label which is equal to it.
+    for number, label in sorted(enumerate(labels), key=lambda one: not _is_folder_name(one[1])):
+        nearest = label if _is_folder_name(label) else name_like(label, f"{otherwise}{number}")
+        names[label] = free_name(nearest, names.values())
+    return [names[label] for label in labels]
 
 
 def name_like(text: str, otherwise: str) -> str:
@@ -56,7 +102,7 @@ def find_alike(name: str, others: Iterable[str]) -> str | None:
 
 def free_name(requested: str, taken: Collection[str]) -> str:
     """Return the requested name, or the first of NAME-2, NAME-3 ... that is not taken, whatever the case."""
-    numbered = (f"{requested}-{number}" for number in count(2))
+    numbered = (f"{requested[: _MAX_LENGTH - 8]}-{number}" for number in count(2))
     return next(name for name in chain((requested,), numbered) if find_alike(name, taken) is None)
 
 

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from rich.progress import Progress as Bar
     from rich.progress import TaskID
 
+_CENTURY_MS = 3e12
 json_option = click.option("--json", "as_json", is_flag=True, help="Print the result as JSON on stdout.")
 
 
@@ -39,6 +40,18 @@ class ParsedType(click.ParamType[Any]):
             return self._parse(value) if isinstance(value, str) else value
         except (SimulshotError, ValueError) as error:
             self.fail(str(error), param, ctx)
+
+
+def _parse_time_shift(text: str) -> tuple[str, float]:
+    camera, _, ms = (part.strip() for part in text.rpartition("="))
+    with contextlib.suppress(ValueError):
+        if camera and abs(float(ms)) < _CENTURY_MS:
+            return camera, float(ms)
+    raise ValueError(f"{text!r} is not CAMERA=MS, as in cam1=-12.5")
+
+
+TIME_SHIFT = ParsedType("CAMERA=MS", _parse_time_shift)
+"""Type of an option: a camera, in its owner's words, and ms to add to its times."""
 
 
 class FiniteRange(click.FloatRange):

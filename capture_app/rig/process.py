@@ -18,12 +18,13 @@ from platformdirs import user_state_path
 from capture_app.common import system
 from capture_app.common.address import LOOPBACK_HOSTS, Address, own_hosts, parse_address
 from capture_app.common.child import error_of_exit
-from capture_app.common.errors import NetworkError, SimulshotError
+from capture_app.common.errors import DiskFullError, NetworkError, SimulshotError
 from capture_app.common.passwords import reveal_password
 from capture_app.common.stagger import Stagger
 from capture_app.common.timeouts import RIG_START_TIMEOUT_S
 from capture_app.protocol.orders import AddCamera
 from capture_app.rig.rig_link import ask_status, give_order
+from capture_app.session.files.disk import LITTLE_BYTES, free_bytes
 from capture_app.session.files.durable import write_atomic
 
 
@@ -219,6 +220,8 @@ def _reap(process: subprocess.Popen[bytes]) -> None:
 def _failure(code: int, log: Path) -> SimulshotError:
     """Return the error of a rig that ended at once, from the end of its log."""
     lines = [line for line in log.read_text(encoding="utf-8", errors="replace").splitlines() if line.strip()]
+    if not lines and free_bytes(log.parent) < LITTLE_BYTES:
+        return DiskFullError(f"the rig could not begin: the disk of {log.parent} is full", hint="make room")
     said = next((line.partition(": error: ")[2] for line in reversed(lines) if ": error: " in line), "")
     return error_of_exit(
         code, said or f"the rig ended with code {code}: {(lines or ['it said nothing'])[-1]}"

@@ -1,8 +1,6 @@
 """Options shared by several commands, and the parsing of their values."""
 
-import math
 from collections.abc import Iterator
-from contextlib import suppress
 from enum import StrEnum
 from pathlib import Path
 from typing import Any
@@ -10,11 +8,11 @@ from typing import Any
 import click
 import msgspec
 
-from capture_app.console.terminal import FiniteRange, ParsedType
+from capture_app.console.terminal import TIME_SHIFT, FiniteRange, ParsedType
 from reconstruction.common.matchers import MATCHER_HELP, Matcher
 from reconstruction.common.options import Described, Pair, described
 from reconstruction.common.options import flag as flag
-from reconstruction.scene.conditions import DISTINCT, DISTINCT_MS, MAX_OFFSET_MS, SYNCED, Condition
+from reconstruction.scene.conditions import DISTINCT, DISTINCT_MS, SYNCED, Condition
 
 MAX_INSTANTS = 1_000_000
 CONDITION = ParsedType("condition", Condition.parse)
@@ -116,27 +114,13 @@ max_instants_option = click.option(
 )
 
 
-def _parse_time_shifts(
-    ctx: click.Context, param: click.Parameter, texts: tuple[str, ...]
-) -> dict[str, float]:
-    """Parse CAMERA=MS of each text."""
-    values = {}
-    for text in texts:
-        camera, _, value = (part.strip() for part in text.rpartition("="))
-        values[camera] = math.nan
-        with suppress(ValueError):
-            values[camera] = float(value)
-        if not camera or not abs(values[camera]) < MAX_OFFSET_MS:
-            raise click.BadParameter(f"{text!r} is not CAMERA=MS, as in cam1=-12.5")
-    return values
-
-
 time_shift_option = click.option(
     "--time-shift-ms",
     "time_shifts_ms",
+    type=TIME_SHIFT,
     metavar="CAMERA=MS",
     multiple=True,
-    callback=_parse_time_shifts,
+    callback=lambda ctx, param, value: dict(value),
     help="Add this to a camera's times, and pair its images again. Repeat for several.",
 )
 out_option = click.option(

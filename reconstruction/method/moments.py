@@ -66,7 +66,7 @@ def read_mask(scene: Scene, masks: str, camera: str, instant: int) -> Array:
         BadInputError: it is missing, or not an image.
     """
     view, folder = scene.views[camera], Path(masks)
-    labels = pair_labels(sorted(one.name for one in folder.glob("*/")), scene.dataset.cameras)
+    labels = pair_labels(sorted(one.name for one in folder.glob("*/")), scene.dataset.labels)
     path = mask_path(folder, labels.get(camera, camera), instant)
     if not path.is_file():
         raise BadInputError(f"{path} is missing", hint="reconstruct movers makes masks of all images")

@@ -20,7 +20,7 @@ WITH_CONTROL = (("mover_", "Moving things"), ("static_", "Things at rest (contro
 
 @dataclass(frozen=True)
 class Column:
-    """A column's name, with its group and condition (`synced`, `offset`)."""
+    """A column's name, group and tone: its condition (`synced`, `offset`), or `words` for sentences."""
 
     name: str
     group: str = ""
@@ -212,7 +212,7 @@ def timing_table(rig: SessionTiming) -> Table:
     ]
     return Table(
         f"Time offset of each camera against {rig.reference}, by what moves; 95 %",
-        [Column("Time offset"), Column("Verdict")],
+        [Column("Time offset"), Column("Verdict", tone="words")],
         rows,
         first="Camera",
     )

@@ -345,7 +345,7 @@ def read_calibration(dataset: Dataset, path: Path) -> Calibration:
     """
     if path.is_file() or not (path / MANIFEST).is_file():
         sizes = {name: dataset.size_on_disk(name) for name in dataset.cameras}
-        return fit_calibration(read_views([("", path)], dataset.cameras), sizes, talk=talk)
+        return fit_calibration(read_views([("", path)], dataset.cameras), sizes, dataset.labels, talk=talk)
     (other,) = _opened([path])
     if (calibration := other.session.calibration()) is None:
         raise BadInputError(f"{path} has no calibration to give", hint="reconstruct calibrate it first")

@@ -19,6 +19,7 @@ from capture_app.session.exporting.pinhole import straight_lens, unused_part
 from capture_app.session.files.untrusted_files import RESTORE_IMAGE
 from capture_app.session.format.calibration import Calibration, CameraCalibration
 from capture_app.session.format.calibration_judge import camera_fault
+from capture_app.session.format.camera_labels import require_camera
 from capture_app.session.format.manifest import FrameRecord, ImageRecord
 from capture_app.session.reading.reader import Session
 from reconstruction.common.geometry import Array, View
@@ -89,11 +90,14 @@ class Dataset:
         self.session = session
         self.name = manifest.name
         self.cameras = tuple(camera.name for camera in manifest.cameras)
+        self.labels = manifest.labels
+        """What their owner calls the cameras, by name."""
         self.instants_ns = manifest.burst.instants_ns
         self.period_ns = manifest.burst.period_ns
-        self.time_shifts_ms = dict(shifts_ms or {})
-        for name in self.time_shifts_ms:
-            session.camera(name)
+        self.time_shifts_ms = {
+            require_camera(name, self.labels, "--time-shift-ms"): shift_ms
+            for name, shift_ms in (shifts_ms or {}).items()
+        }
         own_records = [record for record in manifest.images if not record.substitute]
         self._records = shift_times(own_records, self.time_shifts_ms, self.instants_ns, self.period_ns)
         self._scale = 1.0

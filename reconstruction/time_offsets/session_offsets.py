@@ -8,6 +8,7 @@ from msgspec import Struct, structs
 from capture_app.common import system
 from capture_app.common.errors import BadInputError, NotApplicableError
 from capture_app.console.terminal import Progress
+from capture_app.session.format.camera_labels import require_camera
 from capture_app.session.format.common_times import REFERENCE, CameraTimes
 from capture_app.session.importing.realigning import realign_session
 from capture_app.session.importing.realigning import repair_drops as repair_drops_of
@@ -51,7 +52,7 @@ def measure_times(
     dataset = scene.dataset
     dataset.require_cameras(2, "a time offset is measured between two")
     if reference is not None:
-        dataset.session.camera(reference)
+        reference = require_camera(reference, dataset.labels, "--reference")
     alone = bool(dataset.unsynchronized)
     if apply and not alone:
         raise NotApplicableError(

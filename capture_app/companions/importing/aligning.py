@@ -11,7 +11,7 @@ from capture_app.session.alignment.alignment_method import AlignmentMethod, alig
 from capture_app.session.alignment.clock_line import Against, chain_cameras, measure_pairs
 from capture_app.session.format.common_times import REFERENCE, CameraTimes, CommonTimes
 from capture_app.session.importing.frame_matching import Instant, Timeline, Times, trim, with_common_times
-from capture_app.session.importing.recording_sources import Half, Source, Video
+from capture_app.session.importing.recording_sources import Half, Source, Video, labels_of
 
 _Value = TypeVar("_Value")
 MOTION = "motion"
@@ -125,8 +125,10 @@ def _measure(
         [source.name for source in videos],
         lambda first, second: _most_accurate(first, second, measured, methods, trusting=by != "auto"),
     )
+    labels = labels_of(videos)
     said = {
-        method: _describe(method, methods[method], against, cameras) for method, against in measured.items()
+        method: _describe(method, methods[method], against, cameras, labels)
+        for method, against in measured.items()
     }
     aligned = {name: camera for name, camera in cameras.items() if camera.offset_ns is not None}
     if len(aligned) < 2:
@@ -141,7 +143,7 @@ def _measure(
         return CommonTimes(state=unknown.state, reason=", ".join(reasons)), []
     notes = [f"by {method}: {text}" for method, text in said.items() if text]
     notes += [
-        f"left out {name}: it cannot be aligned; --align none imports all, not synchronized"
+        f"left out {labels[name]}: it cannot be aligned; --align none imports all, not synchronized"
         for name in cameras.keys() - aligned.keys()
     ]
     used = sorted({times.source for times in aligned.values()} - {REFERENCE})
@@ -187,7 +189,11 @@ def _largest_chain(names: Sequence[str], against: Against) -> dict[str, CameraTi
 
 
 def _describe(
-    name_of_method: str, method: AlignmentMethod[object], against: Against, cameras: Mapping[str, CameraTimes]
+    name_of_method: str,
+    method: AlignmentMethod[object],
+    against: Against,
+    cameras: Mapping[str, CameraTimes],
+    labels: Mapping[str, str],
 ) -> str:
     """Describe one method's result for each camera against the first; equal reasons are listed once.
 
@@ -212,7 +218,7 @@ def _describe(
             )
         elif cameras[name].offset_ns is not None:
             continue
-        by_reason.setdefault(text, []).append(name)
+        by_reason.setdefault(text, []).append(labels[name])
     return "; ".join(f"{', '.join(names)}: {text}" for text, names in by_reason.items())
 
 

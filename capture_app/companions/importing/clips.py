@@ -14,7 +14,7 @@ from pathlib import Path
 from statistics import median
 
 from capture_app.common.errors import BadInputError, NotAvailableError
-from capture_app.common.names import name_like, natural_order
+from capture_app.common.names import label_of, natural_order
 from capture_app.common.text import count
 from capture_app.session.alignment.alignment_method import alignment_methods
 from capture_app.session.importing.importer import CALIBRATION
@@ -237,9 +237,8 @@ def _of_one_folder(clips: list[Clip], notes: list[str]) -> list[Shoot]:
         and clips[0].began_s
     ):
         notes.append("by their counters and dates, these clips are of one camera")
-        return [
-            (name_like(clip.path.stem, ""), {name_like(words.copy().pop(), "cam"): clip}) for clip in clips
-        ]
+        camera = label_of(words.pop())
+        return [(label_of(clip.path.stem), {camera: clip}) for clip in clips]
     if len(several) == 1:
         typical_s = median(clip.seconds for clip in several[0])
         for clip in (group[0] for group in groups if len(group) == 1):
@@ -266,8 +265,7 @@ def _by_names(clips: Sequence[Clip], notes: list[str]) -> list[Shoot]:
     if parse is None or len(parse.takes) < 2:
         return []
     of = {clip.path: clip for clip in clips}
-    named = enumerate(parse.cameras.items())
-    cameras = {name_like(name, f"cam{n}"): [of[file] for file in files] for n, (name, files) in named}
+    cameras = {label_of(name): [of[file] for file in files] for name, files in parse.cameras.items()}
     return _of_cameras(cameras, notes)
 
 
@@ -284,7 +282,7 @@ def _of_folders(inner: Mapping[Path, list[Clip]], notes: list[str]) -> list[Shoo
     named = of_folders > 0 or of_clips < of_folders == 0
     if within or (named and all(len(clips) > 1 for clips in inner.values())):
         return [_shoot(path.name, clips) for path, clips in inner.items()]
-    cameras = {name_like(path.name, f"cam{n}"): clips for n, (path, clips) in enumerate(inner.items())}
+    cameras = {label_of(path.name): clips for path, clips in inner.items()}
     if all(len(clips) == 1 for clips in cameras.values()):
         return [("", {name: clips[0] for name, clips in cameras.items()})]
     return _of_cameras(cameras, notes)
@@ -312,7 +310,7 @@ def _of_cameras(cameras: Mapping[str, Sequence[Clip]], notes: list[str]) -> list
     shoots: list[Shoot] = []
     for number, take in enumerate(several, 1):
         called = {names[clip.path] for clip in take.values()}
-        own = name_like(called.pop(), "") if len(called) == 1 else ""
+        own = label_of(called.pop()) if len(called) == 1 else ""
         shoots.append(
             (
                 own or f"{number}" if len(several) > 1 else "",
@@ -328,9 +326,9 @@ def _of_cameras(cameras: Mapping[str, Sequence[Clip]], notes: list[str]) -> list
 
 
 def _shoot(name: str, clips: Sequence[Clip]) -> Shoot:
-    names = [name_like(clip.path.stem, f"cam{number}") for number, clip in enumerate(clips)]
+    names = [label_of(clip.path.stem) for clip in clips]
     unique = [own if names.count(own) == 1 else f"{own}-{n}" for n, own in enumerate(names)]
-    return name_like(name, ""), dict(zip(unique, clips, strict=True))
+    return label_of(name), dict(zip(unique, clips, strict=True))
 
 
 def heard_together(one: Path, other: Path) -> bool:

@@ -8,12 +8,13 @@ from itertools import combinations, product
 from pathlib import Path
 
 from capture_app.common.errors import BadInputError
-from capture_app.common.names import natural_order
+from capture_app.common.names import label_key, natural_order
 from capture_app.common.text import count
 from capture_app.companions.importing.clips import find_shoots
 from capture_app.companions.importing.times.tables import find_tables
 from capture_app.session.importing.importer import (
     CALIBRATION,
+    CameraFiles,
     camera_importer,
     load_importers,
     open_cameras,
@@ -102,22 +103,21 @@ def _find_takes(folder: Path, options: FindOptions, states_times: bool) -> tuple
     for take, clips in shoots:
         files = (f"{camera} = {clip.path.relative_to(folder)}" for camera, clip in clips.items())
         notes.append(f"found {take or 'one recording'}: {', '.join(files)}")
-    takes = {
-        take: [f"{camera}={clip.path}" for camera, clip in clips.items()]
-        for take, clips in shoots
-        if options.recording in (None, take)
+    named: dict[str, list[CameraFiles]] = {
+        take: [(camera, clip.path, []) for camera, clip in of.items()] for take, of in shoots
     }
-    beside, used = find_calibration(folder)
-    found = []
-    opened = {take: open_sources(cameras, png=options.png) for take, cameras in takes.items()}
     if not shoots:
         named, said = takes_in(folder)
         notes += said
-        opened = {
-            take: open_cameras(cameras)
-            for take, cameras in named.items()
-            if options.recording in (None, take)
-        }
+    opened = {
+        take: open_cameras(cameras, png=options.png)
+        for take, cameras in named.items()
+        if options.recording is None or label_key(options.recording) == label_key(take)
+    }
+    if not opened:
+        raise BadInputError(f"{folder} has no take {options.recording}", hint=f"it has {', '.join(named)}")
+    beside, used = find_calibration(folder)
+    found = []
     for take, sources in opened.items():
         tables, said = ((), []) if states_times else find_tables(sources, folder)
         notes += said

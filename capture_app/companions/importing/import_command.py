@@ -2,7 +2,7 @@
 
 import subprocess
 import sys
-from itertools import chain, pairwise
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -11,12 +11,12 @@ import click
 from capture_app.commands.session_text import session_lines
 from capture_app.commands.shared_options import ANY_PATH, restrict_file_access
 from capture_app.common.errors import BadInputError
-from capture_app.common.instants import COMPARED_MS
-from capture_app.common.names import name_like
+from capture_app.common.names import label_of
 from capture_app.common.optional_packages import RECONSTRUCTION
 from capture_app.common.plugins import plugin_names
-from capture_app.common.text import command_line, count
-from capture_app.console.terminal import FiniteRange, answer, json_option, show_count, talk
+from capture_app.common.text import count
+from capture_app.companions.importing.next_steps import are_times_uncertain, describe_steps
+from capture_app.console.terminal import TIME_SHIFT, FiniteRange, answer, json_option, show_count, talk
 from capture_app.console.usage import examples, write_plugins
 from capture_app.session.alignment.alignment_method import GROUP as ALIGNMENTS
 from capture_app.session.reading.reader import Session
@@ -74,6 +74,7 @@ class _ImportCommand(click.Command):
 @click.option(
     "--time-shift-ms",
     "shifts",
+    type=TIME_SHIFT,
     metavar="CAMERA=MS",
     multiple=True,
     help="Add MS to the times of a camera, as for phones started by hand. Repeatable.",
@@ -145,7 +146,7 @@ def import_command(
     sources: tuple[str, ...],
     name: str | None,
     out: Path,
-    shifts: tuple[str, ...],
+    shifts: tuple[tuple[str, float], ...],
     timestamps: tuple[str, ...],
     as_json: bool,
     **options: Any,
@@ -163,15 +164,17 @@ def import_command(
     restrict_file_access()
     if name is None:
         path = split_name(sources[0])[1].resolve()
-        name = name_like(path.name if len(sources) == 1 and path.is_dir() else path.parent.name, "recording")
+        own = path if len(sources) == 1 and path.is_dir() else path.parent
+        name = label_of(own.name) or "recording"
     tables = [split_name(table) for table in timestamps]
-    chosen = ImportOptions(offsets_ms=_parse_time_shifts(shifts), timestamps=tables, **options)
+    chosen = ImportOptions(offsets_ms=dict(shifts), timestamps=tables, **options)
     written = import_found(sources, out, name, chosen, show_count("images"), talk)
     made = [_aligned_by_motion(session, chosen.align) for session in written]
     result = [
         {
             "session": str(session.folder),
             "cameras": [camera.name for camera in session.manifest.cameras],
+            "labels": session.manifest.labels,
             "instants": len(session.manifest.burst.instants_ns),
             "images": len(session.manifest.images),
             "missing": len(session.manifest.missing),
@@ -195,7 +198,7 @@ def _aligned_by_motion(session: Session, align: str) -> Session:
     """
     from importlib.util import find_spec
 
-    uncertain = _are_times_uncertain(session) and session.calibration() is not None
+    uncertain = are_times_uncertain(session) and session.calibration() is not None
     if not uncertain or find_spec(RECONSTRUCTION) is None or align not in ("auto", "motion"):
         return session
     images = len(session.manifest.images)
@@ -210,49 +213,13 @@ def _aligned_by_motion(session: Session, align: str) -> Session:
     return Session.open(session.folder)
 
 
-def _are_times_uncertain(session: Session) -> bool:
-    """Return whether a session has several instants, and common times too inaccurate to synchronize it."""
-    burst = session.manifest.burst
-    times = None if len(burst.instants_ns) < 2 else burst.common_times
-    return times is not None and bool(times.why_not_synchronized(burst.period_ns))
-
-
 def _say_next(session: Session) -> None:
-    """Verify a written session and print the next command. Raises BadInputError if it is damaged."""
+    """Verify a written session and print the next commands. Raises BadInputError if it is damaged."""
     from capture_app.session.reading.verify import verify
 
     problems = verify(session)
     if problems:
         raise BadInputError(f"{session.folder} is damaged: {problems[0]}", hint="import it again")
     talk(f"all {count(len(session.manifest.images), 'image')} verified")
-    calibrated = session.calibration() is not None
-    times_ns = session.manifest.burst.instants_ns
-    step_ns = min((after - before for before, after in pairwise(times_ns)), default=0)
-    # A comparison looks for this delay between two frames, to within half of their interval.
-    compared_ns = COMPARED_MS * 1e6
-    too_far = step_ns > 2 * compared_ns or 0 < times_ns[-1] - times_ns[0] < compared_ns - step_ns / 2
-    alone, folder = len(session.manifest.cameras) < 2, command_line(str(session.folder))
-    if not calibrated and not alone:
-        talk(f"depth needs a calibration: reconstruct calibrate {folder}, by a board or what is still")
-    # To look at the pictures works whatever they show.
-    if alone or not calibrated or too_far or _are_times_uncertain(session):
-        step = f"capture-app sessions sheet {folder} --out {session.folder.name}.jpg"
-    else:
-        # One instant has no other to compare it with.
-        command = "multiview" if len(times_ns) < 2 else "compare"
-        step = f"reconstruct {command} {folder} --out {session.folder.name}-{command}"
-    talk(f"next: {step}")
-
-
-def _parse_time_shifts(texts: tuple[str, ...]) -> dict[str, float]:
-    values = {}
-    for text in texts:
-        camera, _, value = text.rpartition("=")
-        try:
-            values[camera] = float(value)
-            round(values[camera])  # neither infinite nor NaN
-        except (ValueError, OverflowError):
-            raise BadInputError(
-                f"--time-shift-ms {text} is not CAMERA=MS", hint="example: cam1=-12.5"
-            ) from None
-    return values
+    for line in describe_steps(session):
+        talk(line)

@@ -13,7 +13,7 @@ from msgspec import structs
 
 from capture_app.common.camera_facts import CameraFacts, PhaseControl, TimestampSource
 from capture_app.common.errors import BadInputError
-from capture_app.common.names import check_name
+from capture_app.common.names import check_label, folder_names, label_of
 from capture_app.common.text import Progress, Talk, count
 from capture_app.companions.importing.aligning import AlignmentOptions, align_times, split_views
 from capture_app.companions.importing.found import FindOptions, describe_equal, find_recordings
@@ -24,7 +24,7 @@ from capture_app.session.format.manifest import BurstRecord, CameraRecord, Manif
 from capture_app.session.importing.calibrations import ViewOptions, choose_calibration
 from capture_app.session.importing.frame_matching import Instant, Timeline
 from capture_app.session.importing.realigning import missing_images
-from capture_app.session.importing.recording_sources import Layout, Source, holds_two_views
+from capture_app.session.importing.recording_sources import Layout, Source, holds_two_views, labels_of
 from capture_app.session.reading.reader import Session
 from capture_app.session.writing.session_writer import SessionWriter
 
@@ -50,26 +50,25 @@ def import_found(
     progress: Progress = lambda done, total: None,
     talk: Talk = lambda said: None,
 ) -> list[Session]:
-    """Write root/name from `NAME=PATH` cameras or a folder: a session for each recording or take in it.
+    """Write `NAME=PATH` cameras or a folder as sessions in `root`: one for each recording or take in it.
 
-    Raises BadInputError for unusable input; then no session remains of it.
+    `name` may be any label: the sessions' folders have the nearest names. Raises BadInputError for unusable
+    input; then no session remains of it.
     """
-    check_name(name, "session")
+    name = check_label(name, "session")
     found, notes = find_recordings(paths, options, states_times=options.states_times)
     _say(notes, talk)
+    labels = [label_of(f"{name}-{one.take}" if one.take and len(found) > 1 else name) for one in found]
+    folders = folder_names(labels, "session", "recording")
     return [
-        _import(
-            one,
-            root / (f"{name}-{one.take}" if one.take and len(found) > 1 else name),
-            options,
-            progress,
-            talk,
-        )
-        for one in found
+        _import(one, root / folder, label, options, progress, talk)
+        for one, folder, label in zip(found, folders, labels, strict=True)
     ]
 
 
-def _import(found: Layout, folder: Path, options: ImportOptions, progress: Progress, talk: Talk) -> Session:
+def _import(
+    found: Layout, folder: Path, label: str, options: ImportOptions, progress: Progress, talk: Talk
+) -> Session:
     """Write a session from what was found: its times, their alignment, its calibration and its images."""
     of_sources = (note for source in found.sources for note in source.notes)
     _say((*found.notes, *of_sources, *describe_equal(found.sources)), talk)
@@ -82,7 +81,7 @@ def _import(found: Layout, folder: Path, options: ImportOptions, progress: Progr
     elif len(found.sources) == 1 and holds_two_views(found.sources[0]):
         talk("each picture may hold two views of one instant: if so, import again with --split side-by-side")
     instants, sources = _chosen(aligned.timeline, options), aligned.sources
-    names = [source.name for source in sources]
+    names = labels_of(sources)
     calibration, notes = choose_calibration(found, names, lambda: _sizes(sources, instants), options)
     _say(notes, talk)
     # Times other than its own would contradict the rest of an exported session's record.
@@ -101,9 +100,10 @@ def _import(found: Layout, folder: Path, options: ImportOptions, progress: Progr
         writer.finish(
             _camera_records(sources, sizes, aligned.timeline, taken),
             _burst_record(instants, aligned.timeline, aligned.common, taken),
-            missing_images(writer, names, instants, taken),
+            missing_images(writer, [*names], instants, taken),
             _origin_of(writer, instants, taken),
             options.note or (taken.note if taken else ""),
+            label=label if label != folder.name else "",
         )
     return Session.open(folder)
 
@@ -157,6 +157,7 @@ def _camera_records(
                 phase_control=PhaseControl.NONE,
             ),
             source_frames=len(source.numbers),
+            label=source.label if source.label != source.name else "",
         )
         for source in sources
     ]

@@ -20,7 +20,7 @@ from capture_app.common.optional_packages import load_optional
 from capture_app.common.tasks import end
 from capture_app.node.burst.burst_session import BurstSession
 from capture_app.session.format.journal import FRAMES_SUFFIX, record_of_line
-from capture_app.session.format.manifest import JOURNAL, RIG, VIDEOS, FrameRecord, ImageRecord
+from capture_app.session.format.manifest import JOURNAL, RIG, VIDEOS, FrameRecord, ImageRecord, video_of
 
 STREAM, TYPE = "simulshot frames", "Markers"
 CHANNELS = ("session", "instant", "camera", "leader_s", "error_s")
@@ -112,7 +112,7 @@ class _Tail:
                 yield image
         videos = self._folder / VIDEOS / RIG
         for path in sorted(videos.glob(f"*{FRAMES_SUFFIX}")) if videos.is_dir() else ():
-            camera = path.name.removesuffix(FRAMES_SUFFIX)
+            camera, _ = video_of(path.name.removesuffix(FRAMES_SUFFIX))
             for line in self._new_lines(path):
                 if (frame := record_of_line(line, FrameRecord)) is not None:
                     yield replace(frame, camera=camera)

@@ -224,6 +224,7 @@ class BurstSession:
             CameraTransfer(camera=name, received=received, expected=instants, problem=problem)
             for name, (received, problem) in sorted(parts.items())
         )
+        moved = f"its folder is {self._writer.moved_to} now" if self._writer.moved_to else ""
         without = "; ".join(f"without {name}: {why}" for name, why in self._absent.items())
         received, expected = sum(t.received for t in transfer), sum(t.expected for t in transfer)
         message = self.message or ("" if done else self.trouble or self._waiting_text())
@@ -247,7 +248,7 @@ class BurstSession:
             expected=expected,
             done=done,
             session=None if self.session is None else str(self.session),
-            message="; ".join(filter(None, (without, message))),
+            message="; ".join(filter(None, (without, message, moved))),
             transfer=transfer,
             recording=self.burst.video,
             ended=self.burst.video and (done or self._is_cut_off or self._now_ns > self._ends_ns),

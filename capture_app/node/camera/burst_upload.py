@@ -164,7 +164,7 @@ class Upload:
     due_s: float = 0.0
     """Time of the event loop at which to report again a burst that waits."""
     attempts: int = 0
-    """Number of reports in a row after which it waited."""
+    """Number of times in a row that it waited, without an image that was saved in between."""
     is_doubted: bool = False
     """Whether it has ever been refused for now, perhaps because an image is damaged."""
     requested: frozenset[int] | None = None
@@ -317,7 +317,7 @@ class Upload:
         A streamed burst has an `end`, which its operator may have moved while this node was not reached.
         """
         self.take(_I.REQUESTED)
-        self.attempts, self.end_instant = 0, end
+        self.end_instant = end
         self.requested = None if requested is None else frozenset(requested)
         if not self.streamed:
             self.on_commit()
@@ -345,6 +345,8 @@ class Upload:
         for instant, sha256 in stored.items():
             if instant in self.images and self.images[instant].sha256 != sha256:
                 self.disputed.append(self.images.pop(instant))
+        if not self.images.keys().isdisjoint(stored):
+            self.attempts = 0
         return self._let_go(stored)
 
     def end(self) -> None:

@@ -173,6 +173,8 @@ class NodeOptions(EndpointOptions):
     """Options that a node is started with."""
 
     name: str
+    label: str = ""
+    """What its owner calls the camera, in any script."""
     open_camera: Callable[[], Camera]
     """Called at the start, and again after each failure of the device."""
     leaders: tuple[Address, ...]

@@ -46,6 +46,9 @@ from capture_app.trust.identity import is_proven
 from capture_app.trust.trust import Trust
 
 RETRY_S = (0.5, 1.0, 2.0, 4.0)
+REFUSED_S = (*RETRY_S, 8.0, 16.0)
+"""Delays before a burst is offered again whose images the leader cannot save at present: longer than those of
+a stream, as each offer costs the link the images on their way."""
 SPACE_EVERY_S = 30.0
 MAX_WAITING_BURSTS = 64
 MAX_NAMED = 5
@@ -76,16 +79,15 @@ class Sender:
         log: Log,
         bursts: Collection[Upload],
         roots: Collection[str],
-        retry_s: Sequence[float] = RETRY_S,
     ) -> None:
         """Create a sender over one stream; `bursts` are all that this node has.
 
         `roots` are, below a relay, pins of the rig's leaders: one of them must have signed the answers to a
-        burst. `retry_s` are the delays after a burst is refused for now, as for `Uploader`.
+        burst.
         """
         self._channel, self._changed, self._log = channel, changed, log
-        self._bursts, self.roots, self._retry_s = bursts, roots, retry_s
-        self._said = ""
+        self._bursts, self.roots = bursts, roots
+        self._said = set[str]()
         self._in_flight: deque[tuple[Upload, ImageBatch]] = deque()
         """Batches that are not acknowledged."""
         self._answer: asyncio.Task[FromLeader] | None = None
@@ -144,11 +146,10 @@ class Sender:
                 if not refusal.retry:
                     return burst, refusal
                 why = f"images of burst {burst.report.burst} wait: {refusal.as_error()}"
-                if not burst.attempts and why != self._said:
-                    self._said = why
+                if why not in self._said:
+                    self._said.add(why)
                     self._log.say(why)
-                delay_s = self._retry_s[min(burst.attempts, len(self._retry_s) - 1)]
-                burst.put_off(now() + max(ASK_AGAIN_S, delay_s))
+                burst.put_off(now() + REFUSED_S[min(burst.attempts, len(REFUSED_S) - 1)])
 
     def _next_unsent(self) -> tuple[Upload, list[ImageUpload]] | None:
         """Return the next images to send now; bursts that are being captured wait for those that are over."""
@@ -569,7 +570,6 @@ class Uploader:
                             self._log,
                             self._bursts,
                             self._trust.roots_of(channel.who.pin),
-                            self._retry_s,
                         )
                     ) as sender,
                 ):

@@ -88,8 +88,9 @@ class ExportedBurst:
         """Return the folder of a camera's masks, paired by its label; what was paired is said once."""
         if not self._mask_folders:
             labels = sorted(folder.name for folder in masks.glob("*/"))
-            self._mask_folders = pair_labels(labels, self.cameras)
-            if said := describe_pairs(str(masks), self._mask_folders, labels):
+            called = self.session.stored_manifest.labels
+            self._mask_folders = pair_labels(labels, called)
+            if said := describe_pairs(str(masks), self._mask_folders, labels, called):
                 self.warn(said)
         return masks / self._mask_folders.get(camera, camera)
 

@@ -19,7 +19,8 @@ class HeldFolder:
 
     def __init__(self, path: Path) -> None:
         """Lock the folder at a path. Raises TryAgainError if it is locked already, BadInputError, OSError."""
-        self._path, self._handle = path, lock_folder(path)
+        self._first = self._path = path
+        self._handle = lock_folder(path)
         self._status = path.stat()
 
     @property
@@ -28,6 +29,11 @@ class HeldFolder:
         if not self._is_at(self._path) and self._is_at(moved := system.path_of(self._handle)):
             self._path = moved
         return self._path
+
+    @property
+    def moved_to(self) -> Path | None:
+        """Where it was found last, if that isn't where it was first; it does not look at the disk."""
+        return None if self._path == self._first else self._path
 
     @contextmanager
     def writing(self) -> Iterator[None]:

@@ -19,7 +19,7 @@ from msgspec import UNSET, Meta, Struct, UnsetType
 from capture_app.common.bounds import Count, FilePath, Positive, Ppm, Real, Sentence, TimeNs
 from capture_app.common.camera_facts import CameraFacts, Control, unshared_uncertainties_ns
 from capture_app.common.errors import BadInputError
-from capture_app.common.names import Name
+from capture_app.common.names import Label, Name
 from capture_app.common.stagger import describe_steps
 from capture_app.common.text import pretty_json
 from capture_app.session.files.untrusted_files import RESTORE
@@ -107,6 +107,7 @@ class CameraRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     """One camera of the rig: its properties, and the state of its clock and phase during the burst."""
 
     name: Name
+    """Name of its folders."""
     facts: CameraFacts
     clock: ClockRecord | None = None
     phase: PhaseRecord | None = None
@@ -120,6 +121,8 @@ class CameraRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     """Moves of its stream within a recording."""
     source_frames: Count | None = None
     """Number of frames in the film or folder from which it was imported; images number them from 0."""
+    label: Label = ""
+    """What its owner calls it, in any script; absent if that is its name."""
 
     def __post_init__(self) -> None:
         """Raise ValueError for a camera without pixels."""
@@ -308,6 +311,13 @@ class Manifest(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     note: str = ""
     videos: tuple[VideoRecord, ...] = ()
     """Videos of a recording, one for each camera; their frames are images, but are not listed in `images`."""
+    label: Label | UnsetType = UNSET
+    """What its owner calls the session, in any script; absent if that is its name."""
+
+    @property
+    def labels(self) -> dict[str, str]:
+        """What people call each camera, by its name."""
+        return {camera.name: camera.label or camera.name for camera in self.cameras}
 
     @property
     def expected_images(self) -> int:

@@ -69,6 +69,7 @@ def read_views(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) -> Vie
 def fit_calibration(
     views: Views,
     sizes: Mapping[str, tuple[int, int]],
+    labels: Mapping[str, str] | None = None,
     *,
     unit: str | None = None,
     fit: Fit = "exact",
@@ -78,26 +79,27 @@ def fit_calibration(
 
     Lengths are converted to metres from the file's own unit, otherwise from `unit` (default m). An unknown
     unit, such as a board's square, is kept by name. `talk` receives which camera of the file is whose, unless
-    the names are equal. Raises BadInputError if a camera has no calibration, if
-    its numbers are impossible for a camera, or if the size does not fit.
+    the names are equal. `labels` is what their owner calls the cameras, by name. Raises BadInputError if a
+    camera has no calibration, if its numbers are impossible for a camera, or if the size does not fit.
     """
     if unit is not None and views.unit is not None and unit != views.unit:
         raise BadInputError(f"{views.source} is in {views.unit}, not in {unit}", hint="leave out --unit")
     given = views.unit or unit or views.assumed_unit
     if views.unit is None and unit is None and given in METRES:
         talk(f"{views.source} states no unit of its lengths: {given} is assumed; --unit mm says otherwise")
-    labels = pair_labels(views.cameras, list(sizes))
-    if lacking := [name for name in sizes if name not in labels]:
+    called = {name: (labels or {}).get(name, name) for name in sizes}
+    pairs = pair_labels(views.cameras, called)
+    if lacking := [called[name] for name in sizes if name not in pairs]:
         raise BadInputError(
             f"{views.source} calibrates {', '.join(views.cameras)}: "
             f"nothing for {', '.join(lacking)} of the recording",
             hint="name the cameras as in the calibration: NAME=PATH",
         )
-    if said := describe_pairs(views.source, labels, views.cameras):
+    if said := describe_pairs(views.source, pairs, views.cameras, called):
         talk(said)
     cameras = {
         name: _camera(
-            f"{views.source}: camera {name}", views.cameras[labels[name]], size, METRES.get(given, 1.0), fit
+            f"{views.source}: camera {name}", views.cameras[pairs[name]], size, METRES.get(given, 1.0), fit
         )
         for name, size in sizes.items()
     }
@@ -178,28 +180,30 @@ def _rows(matrix: Array) -> Matrix3:
 
 def choose_calibration(
     layout: Layout,
-    cameras: Sequence[str],
+    labels: Mapping[str, str],
     sizes: Callable[[], Mapping[str, tuple[int, int]]],
     options: ViewOptions,
 ) -> tuple[Calibration | None, list[str]]:
     """Return the calibration for images of these sizes, and notes about it.
 
-    It is the user's, otherwise the program's, the export's, or one beside that fits. Raises BadInputError if
-    it does not fit; one that only lies beside is then reported and not used.
+    It is the user's, otherwise the program's, the export's, or one beside that fits. `labels` is what their
+    owner calls the cameras, by name. Raises BadInputError if it does not fit; one that only lies beside is
+    then reported and not used.
     """
     notes: list[str] = []
+    cameras = [*labels]
     unit, views = options.unit or layout.unit, layout.views
     if options.calibration:
         unit, views = options.unit, read_views([split_name(text) for text in options.calibration], cameras)
     elif layout.calibration is not None:
         views = read_views([("", layout.calibration)], cameras)
     if views is not None:
-        return fit_calibration(views, sizes(), unit=unit, fit=options.fit, talk=notes.append), notes
+        return fit_calibration(views, sizes(), labels, unit=unit, fit=options.fit, talk=notes.append), notes
     if layout.record is not None or layout.beside is None:
         return _exported(layout.record, sizes()) if layout.record else None, notes
     try:
         views = read_views([("", layout.beside)], cameras)
-        calibration = fit_calibration(views, sizes(), unit=unit, fit=options.fit, talk=notes.append)
+        calibration = fit_calibration(views, sizes(), labels, unit=unit, fit=options.fit, talk=notes.append)
     except BadInputError as error:
         return None, [f"calibration: {layout.beside} is not taken: {error}"]
     return calibration, [f"calibration: {layout.beside}", *notes]

@@ -14,7 +14,7 @@ from itertools import takewhile
 from pathlib import Path
 
 from capture_app.common.errors import BadInputError
-from capture_app.common.names import is_name, name_like, natural_order
+from capture_app.common.names import folder_names, label_of, natural_order
 from capture_app.common.plugins import load_plugins
 from capture_app.common.text import command_line, count
 from capture_app.session.format.manifest import IMAGE_SUFFIXES
@@ -37,7 +37,7 @@ GROUP = "simulshot.importers"
 CALIBRATION = re.compile(r"calib|intrinsic|extrinsic|board|checker|charuco", re.IGNORECASE)
 _COPIES = re.compile(r"(^|/)(@eadir|thumb(nail)?s?|previews?|prox(y|ies))(/|$)", re.IGNORECASE)
 CameraFiles = tuple[str, Path, list[Path]]
-"""Name and path of a camera, and its files if the folder has those of other cameras."""
+"""Label and path of a camera, and its files if the folder has those of other cameras."""
 UNREAD = {
     "": "it needs a subfolder of images or a video file for each camera",
     ".heic": "convert it to JPEG: heif-convert {file} FILE.jpg",
@@ -137,7 +137,7 @@ def open_sources(paths: Sequence[str], *, png: bool = False, recording: str | No
             cameras += next(iter(takes.values()))
         else:
             own = path.resolve().name if path.is_dir() else path.stem
-            cameras.append((name or name_like(own, "cam0"), place, some))
+            cameras.append((name or label_of(own), place, some))
     if not cameras:
         raise BadInputError("nothing to import", hint="give a folder, or NAME=PATH for each camera")
     return open_cameras(cameras, png=png, recording=recording)
@@ -147,13 +147,14 @@ def open_cameras(
     cameras: Sequence[CameraFiles], *, png: bool = False, recording: str | None = None
 ) -> list[Source]:
     """Open cameras, sorted by name; see `open_sources`."""
-    [(name, times)] = Counter(name for name, *_ in cameras).most_common(1)
-    if times > 1:
-        raise BadInputError(f"two cameras are named {name}", hint="name them: NAME=PATH")
-    return [
-        _source(name, path, files, png, recording)
-        for name, path, files in sorted(cameras, key=lambda one: natural_order(one[0]))
-    ]
+    labels = [label for label, *_ in cameras]
+    names = dict(zip(folder_names(labels, "camera", "cam"), cameras, strict=True))
+    sources = []
+    for name, (label, path, files) in sorted(names.items(), key=lambda one: natural_order(one[0])):
+        source = _source(name, path, files, png, recording)
+        source.label = label
+        sources.append(source)
+    return sources
 
 
 def _matching(path: Path) -> tuple[Path, list[Path]]:
@@ -165,15 +166,18 @@ def _matching(path: Path) -> tuple[Path, list[Path]]:
 
 
 def split_name(text: str) -> tuple[str, Path]:
-    """Split `NAME=PATH`; the name is empty if there is none. Raises BadInputError for a pipe or a device."""
-    name, separator, rest = text.partition("=")
-    named = bool(separator) and is_name(name) and not Path(text).exists()
+    """Split `NAME=PATH`; the label NAME is empty if there is none.
+
+    Raises BadInputError for a pipe or a device.
+    """
+    name, _, rest = text.partition("=")
+    named = bool(rest and name.strip()) and not re.search(r"[/\\]", name) and not Path(text).exists()
     path = Path(rest if named else text)
     if path.exists() and not (path.is_file() or path.is_dir()):
         raise BadInputError(
             f"{path} is neither a file nor a folder", hint="copy what it delivers into a file"
         )
-    return name if named else "", path
+    return label_of(name) if named else "", path
 
 
 def _archive(path: Path) -> BadInputError:
@@ -231,25 +235,25 @@ def takes_in(folder: Path) -> tuple[dict[str, list[CameraFiles]], list[str]]:
         raise BadInputError(f"{folder} has both videos and folders of images", hint="name them: NAME=PATH")
     if videos or recorded:
         named = [(path.stem, path) for path in videos] or [(name, path) for path, name in recorded.items()]
-        return {"": [(name_like(name, f"cam{n}"), path, []) for n, (name, path) in enumerate(named)]}, []
+        return {"": [(label_of(name), path, []) for name, path in named]}, []
     files = sorted(file for place in places or [folder] for file in images_in(place))
     # A picture of the set beside the cameras' has no number, or more.
     counts = Counter(len(numbers_in(file.stem)) for file in files)
     usual = [file for file in files if 4 * counts[len(numbers_in(file.stem))] > 3 * len(files)]
     parses = parse_names(usual or files, folder)
     if (parse := choose(parses)) is None and len(places) == 1:
-        alone = name_like(places[0].relative_to(folder).parts[0], "cam0")
+        alone = label_of(places[0].relative_to(folder).parts[0])
         return {"": [(alone, places[0], [])]}, []
     if parse is None or parse.others:
         raise _undecided(folder, files, places, parses)
     takes = {
         take: [
             (
-                name_like(name, f"cam{n}"),
+                label_of(name),
                 parent if {parent := own[0].parent} == {file.parent for file in own} else folder,
                 [*own],
             )
-            for n, (name, own) in enumerate(cameras.items())
+            for name, own in cameras.items()
         ]
         for take, cameras in parse.takes.items()
     }
@@ -298,7 +302,7 @@ def _command(cameras: Mapping[str, Sequence[Path]]) -> str:
     for name, files in cameras.items():
         begin = _common_begin([str(file) for file in files])
         end = _common_begin([str(file)[len(begin) :][::-1] for file in files])[::-1]
-        given.append(f"{name_like(name, 'cam')}={begin}{'*' * (len(files) > 1)}{end}")
+        given.append(f"{label_of(name)}={begin}{'*' * (len(files) > 1)}{end}")
     return f"capture-app sessions import {command_line(*given[:2])}{' ...' * (len(given) > 2)}"
 
 

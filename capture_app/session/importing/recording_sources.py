@@ -69,6 +69,8 @@ class Source(ABC):
     """The frames of one camera, counted from 0 in capture order."""
 
     name: str
+    label: str = ""
+    """What its owner calls it, in any script; empty for its name."""
     path: Path
     kind: str
     notes: Sequence[str] = ()
@@ -90,6 +92,11 @@ class Source(ABC):
 
         A video skips frames that cannot be decoded. Raises BadInputError for a damaged image.
         """
+
+
+def labels_of(sources: Sequence[Source]) -> dict[str, str]:
+    """Return what their owner calls the cameras, by name."""
+    return {source.name: source.label or source.name for source in sources}
 
 
 class Images(Source):
@@ -191,6 +198,7 @@ class Half(Source):
 
     def __init__(self, whole: Source, name: str, *, right: bool) -> None:
         self.name, self.path, self.kind, self.suffix = name, whole.path, whole.kind, whole.suffix
+        self.label = name.replace(whole.name, whole.label or whole.name, 1)
         self.numbers, self.name_numbers = whole.numbers, whole.name_numbers
         self._whole, self._right = whole, right
 

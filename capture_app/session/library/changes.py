@@ -19,7 +19,7 @@ from hashlib import sha256
 from pathlib import Path
 
 import msgspec
-from msgspec import Struct, structs
+from msgspec import UNSET, Struct, UnsetType, structs
 
 from capture_app.common.errors import BadInputError, DiskError, IncompleteError
 from capture_app.common.names import check_name
@@ -81,7 +81,7 @@ def rename_session(folder: Path, name: str) -> Path:
     target = folder.with_name(name)
     if target != folder and (target.exists() or target.is_symlink()):
         raise BadInputError(f"{target} exists already", hint="choose another name")
-    with _changeable(folder, name=name):
+    with _changeable(folder, name=name, label=UNSET):
         if target != folder:
             _move(folder, target, hint="choose another name")
             move_result_folder(results_folder(folder), results_folder(target))
@@ -117,7 +117,7 @@ def set_note(folder: Path, note: str) -> None:
 
 
 @contextmanager
-def _changeable(folder: Path, **changed: str) -> Iterator[None]:
+def _changeable(folder: Path, **changed: str | UnsetType) -> Iterator[None]:
     """Lock a session, atomically replace it by one with these manifest fields, and hold the lock.
 
     The new folder shares the files of the old one, so that manifest, plan and checksums change together.

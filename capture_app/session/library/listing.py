@@ -53,6 +53,7 @@ class SessionCard(Struct, frozen=True, kw_only=True):
     """RFC 3339, UTC; for an incomplete session, the time of its last change."""
     origin: str = ""
     cameras: tuple[str, ...] = ()
+    """What their owner calls them."""
     instants: int = 0
     images: int = 0
     missing: int = 0
@@ -71,6 +72,8 @@ class SessionCard(Struct, frozen=True, kw_only=True):
     """95 % uncertainty of the worst image's time."""
     late: int = 0
     note: str = ""
+    label: str = ""
+    """What its owner calls it, if not its name."""
     first_images: tuple[Path, ...] = ()
     """The first image of each camera that has one, or its video, in the cameras' order."""
     problem: str = ""
@@ -82,6 +85,11 @@ class SessionCard(Struct, frozen=True, kw_only=True):
     def name(self) -> str:
         """Name of its folder, which identifies it in commands."""
         return self.folder.name
+
+    @property
+    def shown(self) -> str:
+        """Its name, with what its owner calls it."""
+        return f"{self.name} ({self.label})" if self.label else self.name
 
     @property
     def worst_ns(self) -> int | None:
@@ -145,8 +153,7 @@ def read_card(folder: Path) -> SessionCard:
         manifest = read_struct(folder / MANIFEST, Manifest, SCHEMA_VERSION)
         files = {video.camera: video.path for video in reversed(manifest.videos) if video.frames}
         files |= {image.camera: image.path for image in reversed(manifest.images)}
-        names = tuple(camera.name for camera in manifest.cameras)
-        first = tuple(inside(folder, files[name]) for name in names if name in files)
+        first = tuple(inside(folder, files[name]) for name in manifest.labels if name in files)
     except BadInputError as error:
         return SessionCard(
             folder=folder,
@@ -157,12 +164,12 @@ def read_card(folder: Path) -> SessionCard:
     sync, times, instants = manifest.sync, manifest.burst.common_times, len(manifest.burst.instants_ns)
     unsynchronized = times is not None and times.unknown
     images = len(manifest.images) + sum(video.frames for video in manifest.videos)
-    comparable = sync is not None and len(names) > 1 and not unsynchronized
+    comparable = sync is not None and len(manifest.cameras) > 1 and not unsynchronized
     return SessionCard(
         folder=folder,
         created=manifest.created,
         origin=manifest.origin,
-        cameras=names,
+        cameras=tuple(manifest.labels.values()),
         instants=instants,
         images=images,
         missing=manifest.expected_images - images,
@@ -173,6 +180,7 @@ def read_card(folder: Path) -> SessionCard:
         uncertainty_ns=None if sync is None else sync.uncertainty_ns,
         late=0 if sync is None else sync.late,
         note=manifest.note,
+        label=manifest.label or "",
         first_images=first,
     )
 

@@ -118,7 +118,12 @@ class Session:
         """Return the record of a camera. Raises BadInputError if the session has no such camera."""
         if name not in self._cameras:
             raise BadInputError(
-                f"{self.folder} has no camera {name!r}", hint=f"it has {', '.join(self._cameras)}"
+                f"{self.folder} has no camera {name!r}",
+                hint="it has "
+                + ", ".join(
+                    own if own == label else f"{own} ({label})"
+                    for own, label in self.stored_manifest.labels.items()
+                ),
             )
         return self._cameras[name]
 

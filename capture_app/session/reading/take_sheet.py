@@ -1,5 +1,6 @@
 """A take as a table, cameras across and instants down, and its pictures: contact sheet and animation."""
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Self
@@ -24,6 +25,8 @@ GAP, HEAD, GUTTER = 6, 26, 84
 GROUND, INK, MUTED, WARNING = (31, 23, 22), (232, 208, 200), (150, 130, 120), (104, 175, 224)
 """Colours, BGR."""
 MAX_PIXELS = 100_000_000
+MAX_SIDE = 65_500
+"""Maximum height and width of a JPEG that libjpeg writes, px."""
 PAIR_DEPTH = "pair.png"
 """Picture of two cameras' depth in the folder of a result, until all cameras' depth is done."""
 
@@ -89,10 +92,9 @@ class TakeSheet:
         return f"{duration(image.residual_ns, signed=True)} off" if image.late else beside
 
     def heading(self, camera: str) -> str:
-        """Return a camera's name, in a staggered session with its planned delay."""
-        if not self.session.manifest.is_staggered:
-            return camera
-        return f"{camera} +{self.session.camera(camera).delay_ns / 1e6:.3g} ms"
+        """Return what people call a camera, in a staggered session with its planned delay."""
+        manifest, delay_ns = self.session.stored_manifest, self.session.camera(camera).delay_ns
+        return manifest.labels[camera] + (f" +{delay_ns / 1e6:.3g} ms" if manifest.is_staggered else "")
 
     def since_start_ns(self, instant: int) -> int:
         """Return the time of an instant since the first one, ns."""
@@ -124,6 +126,13 @@ class TakeSheet:
         return decode_image(data, colour=True, min_width=width)
 
 
+def sheet_instants(sheet: TakeSheet, width: int) -> range:
+    """Return the instants of a contact sheet: all, or every Nth of a take that is too long for a picture."""
+    tallest_px = min(MAX_SIDE, MAX_PIXELS // (GUTTER + len(sheet.cameras) * (width + GAP)))
+    rows = (tallest_px - HEAD) // (round(width * sheet.aspect) + GAP)
+    return range(0, sheet.instants, math.ceil(sheet.instants / max(1, rows)))
+
+
 def contact_sheet(
     sheet: TakeSheet,
     width: int,
@@ -132,23 +141,28 @@ def contact_sheet(
 ) -> "Picture":
     """Draw a contact sheet: a column per camera, a row per instant, each image `width` px wide; returns BGR.
 
-    `instants` are the rows; None: all. Raises BadInputError if the sheet would exceed 100 megapixels.
+    `instants` are the rows; None: those of `sheet_instants`. Raises BadInputError if the sheet would exceed
+    100 megapixels, or 65,500 px on a side.
     """
     import cv2
     import numpy as np
 
     height = round(width * sheet.aspect)
-    instants = range(sheet.instants) if instants is None else instants
+    instants = sheet_instants(sheet, width) if instants is None else instants
     across, down = len(sheet.cameras), len(instants)
     size = HEAD + down * (height + GAP), GUTTER + across * (width + GAP)
-    if size[0] * size[1] > MAX_PIXELS:
+    if size[0] * size[1] > MAX_PIXELS or max(size) > MAX_SIDE:
         raise BadInputError(
             f"a sheet of {across} x {down} pictures would have {size[1]} x {size[0]} pixels",
             hint="choose a smaller --width",
         )
     whole = np.full((*size, 3), GROUND, np.uint8)
     for x, camera in enumerate(sheet.cameras):
-        _write(whole, sheet.heading(camera), (GUTTER + x * (width + GAP), 18), INK, room=width)
+        # OpenCV's font only has ASCII.
+        heading = sheet.heading(camera)
+        _write(
+            whole, heading if heading.isascii() else camera, (GUTTER + x * (width + GAP), 18), INK, room=width
+        )
     for y, instant in enumerate(instants):
         top = HEAD + y * (height + GAP)
         since = duration(sheet.since_start_ns(instant), signed=True) if instant else "first"

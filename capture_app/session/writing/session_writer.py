@@ -155,6 +155,11 @@ class SessionWriter:
         """The session's folder, which a person may have renamed or moved meanwhile."""
         return self._held.path
 
+    @property
+    def moved_to(self) -> Path | None:
+        """Where a person has moved its folder, as far as was noticed while it was written."""
+        return self._held.moved_to
+
     def set_plan(self, plan: BurstPlan) -> None:
         """Save the plan of the burst durably; from then on the session can be resumed after a crash.
 
@@ -288,12 +293,13 @@ class SessionWriter:
         note: str = "",
         *,
         plan: BurstPlan | None = None,
+        label: str = "",
     ) -> Session:
         """Write the manifest, which makes the session complete, and open the session.
 
-        `origin` is captured, simulated or imported; entries of `missing` that exist are dropped. `plan` is
-        saved if a full disk did not take it before. A camera
-        whose record is not valid is left out: its files are set aside, and the note names it. Raises
+        `label` is what its owner calls it, if not its name. `origin` is captured, simulated or imported;
+        entries of `missing` that exist are dropped. `plan` is saved if a full disk did not take it before. A
+        camera whose record is not valid is left out: its files are set aside, and the note names it. Raises
         BadInputError if the records contradict each other or no camera is valid; nothing is written then.
         """
         valid, reasons = _valid_cameras(cameras)
@@ -320,6 +326,7 @@ class SessionWriter:
                 missing=tuple(sorted(absent, key=lambda m: (m.instant, m.camera))),
                 note="; ".join(filter(None, (earlier_note(self.folder) or note, *reasons.values()))),
                 videos=self.videos.records(),
+                label=label or msgspec.UNSET,
             )
             data = encode_manifest(self.folder, manifest, self.videos.in_order(len(burst.instants_ns)))
             (self.folder / RESERVE).unlink(missing_ok=True)

@@ -96,7 +96,7 @@ def _sort(cards: Sequence[SessionCard], order: Order) -> list[SessionCard]:
 
 
 def _matches(card: SessionCard, words: str) -> bool:
-    text = " ".join((card.name, card.note, card.origin, card.state, card.created[:10], *card.cameras))
+    text = " ".join((card.shown, card.note, card.origin, card.state, card.created[:10], *card.cameras))
     return all(word in text.casefold() for word in words.casefold().split())
 
 
@@ -135,7 +135,7 @@ class SessionRows(RowList[Entry]):
 
     def _title(self, entry: Entry, room: int) -> Content:
         card = entry.card
-        left = Content.styled(printable(card.name), "bold")
+        left = Content.styled(printable(card.shown), "bold")
         if entry.is_best:
             left += Content.styled("  ★ best synchronized", "bold $warning")
         if entry.is_sample:

@@ -158,7 +158,7 @@ class ContactSheet(ScrollView, can_focus=True):
     def _names(self, sheet: TakeSheet, cameras: range) -> Strip:
         return Strip.join(
             self._words(
-                sheet.cameras[at],
+                printable(sheet.session.stored_manifest.labels[sheet.cameras[at]]),
                 self.thumb_size.width + 1,
                 "sheet--cursor" if at == self.cursor.x else "sheet--label",
                 gap=1,

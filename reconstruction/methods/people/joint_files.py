@@ -10,6 +10,7 @@ import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
+from unicodedata import normalize
 
 import numpy as np
 
@@ -44,7 +45,8 @@ def read_keypoints(folder: Path, dataset: Dataset, cameras: Sequence[str], start
     """
     if not re.fullmatch(r"auto|session|-?\d{1,9}", start):
         raise BadInputError(f"--label-start {start} is not auto, session or a number", hint="example: 1")
-    files, labels = _labels_in(folder, [camera for camera in cameras if dataset.instants(camera)])
+    filmed = {camera: dataset.labels[camera] for camera in cameras if dataset.instants(camera)}
+    files, labels = _labels_in(folder, filmed)
     skeleton = next(iter(labels.values())).skeleton
     found = dict[str, dict[int, FrameJoints]]()
     for camera, one in labels.items():
@@ -116,10 +118,11 @@ def _rows_of(where: str, labelled: Sequence[int], images: _Images, start: str) -
     return {k: rows[number] for k, number in images.numbers.items() if number in rows}
 
 
-def _labels_in(folder: Path, cameras: Sequence[str]) -> tuple[dict[str, Path], dict[str, Labels]]:
+def _labels_in(folder: Path, cameras: Mapping[str, str]) -> tuple[dict[str, Path], dict[str, Labels]]:
     """Return each camera's file, or folder of JSON files, and its labels.
 
-    A camera's path names it: of several that it names, the one of the longest name. A folder of JSON files
+    A camera's path names it, by its label or its name: of several, the longest.
+    `cameras` are labels by name. A folder of JSON files
     comes before their own names.
     """
     if not folder.is_dir():
@@ -158,9 +161,11 @@ def _labels_in(folder: Path, cameras: Sequence[str]) -> tuple[dict[str, Path], d
     return paths, labels
 
 
-def _named(text: str, cameras: Sequence[str]) -> str:
-    found = [one for one in cameras if re.search(rf"(?<![A-Za-z0-9]){re.escape(one)}(?!\d)", text, re.I)]
-    return max(found, key=len, default="")
+def _named(text: str, cameras: Mapping[str, str]) -> str:
+    names = {name: name for name in cameras} | {label: name for name, label in cameras.items()}
+    whole = {one: rf"(?<![A-Za-z0-9]){re.escape(one)}(?!\d)" for one in names}
+    found = [one for one in names if re.search(whole[one], normalize("NFC", text), re.IGNORECASE)]
+    return names[max(found, key=len)] if found else ""
 
 
 def _read(paths: Sequence[Path]) -> Labels | Sequence[Labels] | None:

@@ -16,12 +16,18 @@ SMOOTHED = "smoothed"
 """Folder of the copies after a low pass."""
 MIN_RUN = 4
 """Fewest positions after each other that are smoothed."""
-COLUMNS = ("time_s", "person", "joint", "x", "y", "z", "error_95", "cameras", "reprojection_px")
+COLUMNS = ("time_s", "person", "joint", "x", "y", "z", "error", "cameras", "reprojection_px")
 
 
-def write_table(path: Path, times_s: Array, skeleton: Skeleton, people: Sequence[Person]) -> None:
-    """Write a row for each known joint: time, person, joint, x, y, z, error (95 %), cameras, reprojection."""
-    lines = [",".join(COLUMNS)]
+def write_table(
+    path: Path, times_s: Array, skeleton: Skeleton, people: Sequence[Person], *, bias_is_known: bool
+) -> None:
+    """Write a row for each known joint: time, person, joint, x, y, z, error, cameras, reprojection.
+
+    The column of errors is `error_95` if the detector's bias is in them, else `precision_95`.
+    """
+    error = "error_95" if bias_is_known else "precision_95"
+    lines = [",".join(error if column == "error" else column for column in COLUMNS)]
     for number, person in enumerate(people, 1):
         for row, joint in zip(*np.nonzero(np.isfinite(person.error)), strict=True):
             x, y, z = person.positions[row, joint]

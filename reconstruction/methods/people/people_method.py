@@ -23,7 +23,8 @@ class PeopleMethod(PeopleOptions, frozen=True, kw_only=True):
     help = (
         "Find the joints of people in SESSION in 3D: as tables, TRC, C3D, glTF and a page.\n\n"
         "Each joint is moved to the instant by the times of the frames around it, so that the cameras may be "
-        "staggered, or of different rates. Two cameras at least must see it; each has an error (95 %)."
+        "staggered, or of different rates. Two cameras at least must see it; each has an error (95 %), or of "
+        "detectors whose bias was not measured its precision."
     )
     examples = (
         "people sessions/walk --out people",

@@ -103,7 +103,7 @@ class MadePeople(Made[PeopleResult]):
 
         They hold the truth in 95 % of cases if `result.bias_source` is known, else the precision alone.
         """
-        return self._of(person, "error_95")
+        return self._of(person, "error")
 
     def _of(self, person: int, column: str) -> Array:
         own = self._rows[self._rows["person"] == person]
@@ -133,7 +133,8 @@ def save_people(scene: Scene, condition: Condition, folder: Path, method: People
     found = people_at(scene, finder, condition, method)
     method.progress.step(f"{count(len(found.people), 'individual')} at {len(found.times_s)} times")
     rotation = up_axes(scene, method.up)
-    formats_left_out = _write(folder, scene, found, rotation, method)
+    bias_source = detector_bias(found.skeleton)[1]
+    formats_left_out = _write(folder, scene, found, rotation, method, bias_is_known=bool(bias_source))
     left_out = _left_out(finder)
     return PeopleResult(
         session=scene.dataset.name,
@@ -149,18 +150,24 @@ def save_people(scene: Scene, condition: Condition, folder: Path, method: People
         moved_ms=round(found.moved_ms, 4),
         moved_px=round(found.moved_px, 3),
         people=tuple(_summary(k, person, found.times_s) for k, person in enumerate(found.people, 1)),
-        bias_source=detector_bias(found.skeleton)[1],
+        bias_source=bias_source,
         left_out=left_out,
         remarks=(*_remarks(finder), *formats_left_out),
     )
 
 
 def _write(
-    folder: Path, scene: Scene, found: PeopleInTime, rotation: Array, options: PeopleOptions
+    folder: Path,
+    scene: Scene,
+    found: PeopleInTime,
+    rotation: Array,
+    options: PeopleOptions,
+    *,
+    bias_is_known: bool,
 ) -> list[str]:
     """Write all files; return what was left out, in sentences."""
     times_s = found.times_s
-    write_table(folder / TABLE, times_s, found.skeleton, found.people)
+    write_table(folder / TABLE, times_s, found.skeleton, found.people, bias_is_known=bias_is_known)
     upright = [person.positions @ rotation.T for person in found.people]
     left_out = write_formats(folder, times_s, found.skeleton, upright, scene.unit, options.smooth)
     write_plots(folder / PLOTS, found, rotation[1], scene.unit)

@@ -43,6 +43,7 @@ DETOURS, MAX_CHANGE = (0.5, 1.4), 1.1
 of the reprojection error up to which what is found then is as good."""
 MIN_TO_SEPARATE_LENSES = 3
 """Minimum cameras that determine focal lengths; with two whose axes meet, any focal length fits."""
+GIVE_CALIBRATION = "give it a calibration: reconstruct calibrate SESSION --from PATH, or --from board"
 GIVE_LENSES = "or give the cameras' horizontal view: reconstruct calibrate SESSION --field-of-view DEG"
 """Hint where no lens was known."""
 FEATURE_BYTES_PER_PIXEL = 220
@@ -145,22 +146,20 @@ def calibrate_from_images(
         NotAvailableError: COLMAP is not installed here.
         BadInputError: it found no cameras, or implausible lenses.
     """
-    pycolmap = load_pycolmap(
-        "finding the cameras' positions from the images", hint="give it a calibration.json"
-    )
+    pycolmap = load_pycolmap("finding the cameras' positions from the images", hint=GIVE_CALIBRATION)
     dataset = motion.dataset
     cameras = [name for name in dataset.cameras if dataset.instants(name)]
     if len(cameras) < 2:
         raise NotApplicableError(
             "no calibration in the session, and fewer than two cameras with an image to find it from",
-            hint="add a calibration.json",
+            hint=GIVE_CALIBRATION,
         )
     focal_px = likely_focal_lengths(dataset, field_of_view_deg, fisheyes=fisheyes)
     model = "RADIAL_FISHEYE" if fisheyes else "SIMPLE_RADIAL"
     if len(focal_px) < len(cameras) < MIN_TO_SEPARATE_LENSES:
         raise NotApplicableError(
             "no calibration in the session, and two cameras' images do not determine their lenses",
-            hint=f"add a calibration.json, {GIVE_LENSES}",
+            hint=f"{GIVE_CALIBRATION}, {GIVE_LENSES}",
         )
     with tempfile.TemporaryDirectory(prefix="simulshot-") as scratch:
         root = Path(scratch)
@@ -228,7 +227,7 @@ def _found(
     if rec is None:
         raise NotApplicableError(
             "no calibration in the session, and none can be found from its images",
-            hint=f"the views need to overlap and show something with texture; add a calibration.json{advice}",
+            hint=f"the views need to overlap and show something with texture; {GIVE_CALIBRATION}{advice}",
         )
     if len(found := _cameras(rec, dataset)) < 2:
         raise NotApplicableError(

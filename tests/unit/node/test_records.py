@@ -1,7 +1,7 @@
-"""The record of a node's clock in a manifest."""
+"""The record of a node's camera and clock in a manifest."""
 
 from capture_app.node.camera.camera_node import camera_record
-from capture_app.session.format.manifest import ClockRecord
+from capture_app.session.format.manifest import CameraRecord, ClockRecord
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.rig.frame_selection import FramesSelected
 from capture_app.sync.wire.datagrams import Trigger
@@ -20,9 +20,18 @@ OWN = TimeMap(
 )
 
 
-def clock_of(time_map: TimeMap) -> ClockRecord | None:
+def record_of(time_map: TimeMap, name: str = "cam", label: str = "") -> CameraRecord:
     ready: FramesSelected[object] = FramesSelected(Trigger(0, 1, 1, 0, 1, 1), (), (), time_map, None)
-    return camera_record("cam", make_facts(), ready, 0, 1000).clock
+    return camera_record(name, make_facts(), ready, 0, 1000, label=label)
+
+
+def clock_of(time_map: TimeMap) -> ClockRecord | None:
+    return record_of(time_map).clock
+
+
+def test_a_camera_is_called_as_its_owner_wrote_unless_that_is_its_name() -> None:
+    assert record_of(OWN, "Bohm", "Böhm").label == "Böhm"
+    assert record_of(OWN, "Bohm", "Bohm").label == ""
 
 
 def test_a_clock_is_recorded() -> None:

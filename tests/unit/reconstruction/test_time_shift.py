@@ -42,7 +42,7 @@ def test_less_than_half_a_frame_keeps_the_pairs_and_changes_the_times(boards: Se
 @pytest.mark.parametrize(
     ("shift", "code", "words"),
     [
-        ("nobody=5", 3, "no camera 'nobody'"),
+        ("nobody=5", 3, "--time-shift-ms names nobody, which the recording lacks"),
         ("right=900", 3, "leaves no image of right"),
         ("right", 2, "CAMERA=MS"),
         ("right=nan", 2, "CAMERA=MS"),

@@ -11,7 +11,7 @@ import pytest
 
 from capture_app.common import system
 from capture_app.common.address import Address
-from capture_app.common.errors import NetworkError, NotAvailableError, SimulshotError
+from capture_app.common.errors import DiskFullError, NetworkError, NotAvailableError, SimulshotError
 from capture_app.common.pairing_codes import Role
 from capture_app.common.stagger import Stagger
 from capture_app.protocol.orders import AddCamera
@@ -142,6 +142,15 @@ async def test_a_rig_that_does_not_start_says_why(
 ) -> None:
     program(script)
     with pytest.raises(kind, match=says):
+        await start_rig(sessions=tmp_path, host="127.0.0.1")
+
+
+async def test_a_rig_that_a_full_disk_keeps_silent_says_so(
+    tmp_path: Path, program: Callable[[str], None], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    program("exit 1")
+    monkeypatch.setattr("capture_app.rig.process.free_bytes", lambda _: 1 << 10)
+    with pytest.raises(DiskFullError, match=r"could not begin: the disk of .* is full"):
         await start_rig(sessions=tmp_path, host="127.0.0.1")
 
 

@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -9,8 +10,17 @@ import pytest
 
 from capture_app.cli import run
 from capture_app.common.errors import BadInputError, ExitCode
+from capture_app.session.reading import take_sheet
 from capture_app.session.reading.reader import Session
-from capture_app.session.reading.take_sheet import GAP, GUTTER, HEAD, TakeSheet, wiggle_frames
+from capture_app.session.reading.take_sheet import (
+    GAP,
+    GUTTER,
+    HEAD,
+    TakeSheet,
+    contact_sheet,
+    sheet_instants,
+    wiggle_frames,
+)
 from tests.unit.tui.takes import HEIGHT, WIDTH, make_take, picture_of
 
 
@@ -75,11 +85,41 @@ def test_mistakes_are_sentences(
     assert reason in capsys.readouterr().err
 
 
-def test_a_sheet_beyond_reason_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    take = make_take(tmp_path, cameras=20, instants=12)
-    out = str(tmp_path / "x.jpg")
-    assert run(["sessions", "sheet", str(take.folder), "--out", out, "--width", "1000"]) != 0
-    assert "choose a smaller --width" in capsys.readouterr().err
+@pytest.mark.parametrize(("limit", "most"), [("MAX_SIDE", 240), ("MAX_PIXELS", 240 * (GUTTER + 2 * 70))])
+def test_a_long_take_is_shown_in_steps(
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    limit: str,
+    most: int,
+) -> None:
+    take = make_take(tmp_path, cameras=2, instants=10)
+    monkeypatch.setattr(take_sheet, limit, most)
+    out = tmp_path / "sheet.jpg"
+    assert run(["sessions", "sheet", str(take.folder), "--out", str(out), "--width", "64", "--json"]) == 0
+    printed = capsys.readouterr()
+    assert "one in 4 instants is shown: all 10" in printed.err
+    assert json.loads(printed.out)["every"] == 4
+    picture = cv2.imread(str(out))
+    # Instants 0, 4 and 8 of the first camera; a fifth row would be too many.
+    assert picture.shape[0] == HEAD + 3 * (48 + GAP)
+    for row, instant in enumerate((0, 4, 8)):
+        shown = picture[HEAD + row * (48 + GAP) + 24, GUTTER + 32].astype(int)
+        assert np.abs(shown - colour_of(instant)).max() <= 3
+
+
+@pytest.mark.parametrize("instants", [1, 464, 108_000])
+def test_a_sheet_of_a_film_of_an_hour_fits_a_picture(instants: int) -> None:
+    sheet = SimpleNamespace(aspect=9 / 16, cameras=("left", "right"), instants=instants)
+    rows = len(sheet_instants(sheet, 240))  # type: ignore[arg-type]
+    assert min(instants, 464) / 2 < rows <= (65_500 - HEAD) // (135 + GAP)
+
+
+@pytest.mark.parametrize(("cameras", "width"), [(20, 4000), (1000, 64)])
+def test_a_sheet_beyond_reason_is_refused(cameras: int, width: int) -> None:
+    sheet = SimpleNamespace(aspect=3.0, cameras=range(cameras), instants=1)
+    with pytest.raises(BadInputError, match="choose a smaller --width"):
+        contact_sheet(sheet, width)  # type: ignore[arg-type]
 
 
 def test_a_wiggle_needs_two_pictures(tmp_path: Path) -> None:

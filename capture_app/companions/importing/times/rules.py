@@ -11,6 +11,7 @@ from typing import Literal
 
 from capture_app.common.errors import BadInputError
 from capture_app.companions.importing.times.tables import Table, name_tables, timeline_by_tables
+from capture_app.session.format.camera_labels import require_camera
 from capture_app.session.format.common_times import CommonTimes, TimesState
 from capture_app.session.importing.frame_matching import (
     Instant,
@@ -29,6 +30,7 @@ from capture_app.session.importing.recording_sources import (
     Source,
     Video,
     exif_time_ns,
+    labels_of,
     name_time_ns,
     states_zone,
 )
@@ -122,13 +124,16 @@ def make_times(layout: Layout, options: TimeOptions) -> Times:
     times, more than one, or if cameras' times never meet.
     """
     recording, sources = _Recording(layout.sources, options, layout), layout.sources
+    shifts_ns = {
+        require_camera(name, labels_of(sources), "--time-shift-ms"): round(ms * 1e6)
+        for name, ms in options.offsets_ms.items()
+    }
     _check_options(recording)
     rule = next(rule for rule in RULES if rule.applies(recording))
     made, notes = rule.make(recording)
     timeline = made if isinstance(made, Timeline) else None
     if timeline is None or options.offsets_ms:
         frames = made.cameras() if isinstance(made, Timeline) else made
-        shifts_ns = {name: round(ms * 1e6) for name, ms in options.offsets_ms.items()}
         shifted = {
             name: [replace(frame, leader_ns=frame.leader_ns + shifts_ns.get(name, 0)) for frame in own]
             for name, own in frames.items()
@@ -151,12 +156,7 @@ def _known(state: TimesState, sentence: str, options: TimeOptions) -> CommonTime
 
 
 def _check_options(recording: _Recording) -> None:
-    options, names = recording.options, [source.name for source in recording.sources]
-    if unknown := [name for name in options.offsets_ms if name not in names]:
-        raise BadInputError(
-            f"--time-shift-ms names {unknown[0]}, which the recording lacks",
-            hint=f"it has {', '.join(names)}",
-        )
+    options = recording.options
     if recording.layout.record and options.offsets_ms:
         raise BadInputError(
             f"{recording.layout.path} has the times of its session, which --time-shift-ms would contradict",
@@ -263,7 +263,7 @@ def _embedded(recording: _Recording) -> _Frames:
 def _refuse(recording: _Recording) -> _Made:
     """Raise BadInputError: no rule gives these images times."""
     folders = [source for source in recording.sources if isinstance(source, Images)]
-    names = ", ".join(source.name for source in folders)
+    names = ", ".join(labels_of(folders).values())
     if len(folders) == len(recording.sources) and all(map(_named_by_time, folders)):
         raise BadInputError(
             f"the images of {names} are named by times, which may be of one clock or not",
@@ -296,7 +296,7 @@ def describe_gaps(sources: Sequence[Source], timeline: Timeline, *, by_numbers: 
         own_ns = source.own_times_ns() if isinstance(source, Video) and by_numbers else ()
         times_ns = own_ns or sorted(frame.leader_ns for frame in cameras.get(source.name, ()))
         if said := describe_times(times_ns):
-            yield f"{source.name}: {said}{BY_NUMBERS if own_ns else ''}"
+            yield f"{source.label or source.name}: {said}{BY_NUMBERS if own_ns else ''}"
 
 
 def times_by_rate(sources: Sequence[Source], fps: float) -> dict[str, list[TimedFrame]]:

@@ -16,7 +16,7 @@ from capture_app.common.errors import BadInputError
 from capture_app.common.names import natural_order
 from capture_app.common.text import command_line
 from capture_app.session.files.untrusted_files import read_text, rejecting
-from capture_app.session.format.camera_labels import describe_pairs, pair_labels
+from capture_app.session.format.camera_labels import describe_pairs, pair_labels, require_camera
 from capture_app.session.importing.frame_matching import (
     Instant,
     TimedFrame,
@@ -27,7 +27,7 @@ from capture_app.session.importing.frame_matching import (
     require_overlap,
     timeline_by_times,
 )
-from capture_app.session.importing.recording_sources import Images, Source
+from capture_app.session.importing.recording_sources import Images, Source, labels_of
 
 Table = tuple[str, Path]
 """A table of times: the name of the camera that it is of, or '' if a column names the cameras; its file."""
@@ -88,15 +88,12 @@ def timeline_by_tables(sources: Sequence[Source], tables: Sequence[Table]) -> tu
 
 def _read_tables(tables: Sequence[Table], sources: Sequence[Source]) -> tuple[list[_Row], list[str]]:
     """Return the rows of the sources' cameras, by these names, and which name of a table is whose."""
-    by_name = {source.name: source for source in sources}
+    by_name, called = {source.name: source for source in sources}, labels_of(sources)
     rows: list[_Row] = []
     notes: list[str] = []
     for name, path in tables:
-        if name and name not in by_name:
-            raise BadInputError(
-                f"{path} is given for {name}, which the recording lacks", hint=f"it has {', '.join(by_name)}"
-            )
-        rows += _read_table(path, [by_name[name]] if name else sources, notes, per_camera=bool(name))
+        own = [by_name[require_camera(name, called, "--timestamps")]] if name else sources
+        rows += _read_table(path, own, notes, per_camera=bool(name))
     timed = {row.camera for row in rows if row.at_ns is not None}
     if lacking := [name for name in by_name if name not in timed]:
         named = ", ".join(dict.fromkeys(row.camera for row in rows)) or "none"
@@ -128,9 +125,10 @@ def _read_table(
     names = {"": sources[0].name} if alone else {}
     if camera is not None and not alone:
         labels = list(dict.fromkeys((line[camera] or "").strip() for _, line in lines))
-        pairs = pair_labels(labels, [source.name for source in sources])
+        cameras = labels_of(sources)
+        pairs = pair_labels(labels, cameras)
         names = {label: name for name, label in pairs.items()}
-        if said := describe_pairs(path.name, pairs, labels):
+        if said := describe_pairs(path.name, pairs, labels, cameras):
             notes.append(said)
     own = sources[0] if alone else None
     files = {image.name: n for n, image in enumerate(own.files)} if isinstance(own, Images) else {}
@@ -315,7 +313,9 @@ def _fit(sources: Sequence[Source], tables: Sequence[Table], notes: list[str]) -
         notes.append(f"times: {names}: not taken: {error}")
         return False
     cameras = timeline.cameras()
-    counts = {f"{len(cameras[one.name])} of {len(one.numbers)} frames": one.name for one in sources}
+    counts = {
+        f"{len(cameras[one.name])} of {len(one.numbers)} frames": one.label or one.name for one in sources
+    }
     fits = "; ".join(counts if len(counts) == 1 else (f"{name}: {text}" for text, name in counts.items()))
     # Only tables can tell whether their times are of one clock.
     firsts_ns = [min(frame.leader_ns for frame in frames) for frames in cameras.values()]

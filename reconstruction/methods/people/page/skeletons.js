@@ -1,5 +1,5 @@
 "use strict";
-/* People as bones and joints, each joint within a ball of its 95 % error, for `walk.js`; gaps are not drawn. */
+/* People as bones and joints, each joint within a ball of its error, for `walk.js`; gaps are not drawn. */
 function makePainter({ gl, data, program }) {
   const FLAT = `#version 300 es
   layout(location = 0) in vec2 at; layout(location = 1) in vec4 paint;

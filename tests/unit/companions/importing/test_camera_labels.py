@@ -4,7 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from capture_app.session.format.camera_labels import describe_pairs, pair_labels
+from capture_app.common.errors import BadInputError
+from capture_app.session.format.camera_labels import describe_pairs, pair_labels, require_camera
 
 
 @pytest.mark.parametrize(
@@ -30,6 +31,29 @@ from capture_app.session.format.camera_labels import describe_pairs, pair_labels
 def test_labels_are_paired_by_whole_names(labels: list[str], cameras: list[str], pairs: list[str]) -> None:
     expected = {camera: label for camera, label in zip(cameras, pairs, strict=False) if label}
     assert pair_labels(labels, cameras) == expected
+
+
+@pytest.mark.parametrize(
+    ("text", "camera"),
+    [
+        ("Bo\u0308hm", "Bohm"),
+        ("BÖHM", "Bohm"),
+        ("Bohm", "Bohm-2"),
+        ("bohm", "Bohm-2"),
+        ("cam0", "cam0"),
+        ("カメラ左", "cam0"),
+        ("Left_1", "left1"),
+        ("LEFT1", "left1-2"),
+        ("böhm2", ""),
+    ],
+)
+def test_a_camera_is_known_by_its_label_and_then_by_its_name(text: str, camera: str) -> None:
+    cameras = {"Bohm": "Böhm", "Bohm-2": "Bohm", "cam0": "カメラ左", "left1": "Left 1", "left1-2": "left1"}
+    if camera:
+        assert require_camera(text, cameras, "--reference") == camera
+        return
+    with pytest.raises(BadInputError, match=f"--reference names {text}, which the recording lacks"):
+        require_camera(text, cameras, "--reference")
 
 
 NAMES = st.lists(st.from_regex(r"\\A[ab]?_?[0-2]{0,2}\\Z"), min_size=1, max_size=5, unique=True)

@@ -237,8 +237,6 @@ def test_broken_or_absent_exif_says_so(tmp_path: Path) -> None:
     ("arguments", "reason"),
     [
         (["--time-shift-ms", "cam9=1"], "cam9, which the recording lacks"),
-        (["--time-shift-ms", "cam0"], "not CAMERA=MS"),
-        (["--time-shift-ms", "cam0=inf"], "not CAMERA=MS"),
         (["--times", "name"], "not a folder of images"),
         (["--times", "video", "--fps", "30"], "either the rate"),
     ],
@@ -253,6 +251,12 @@ def test_impossible_times_say_why(
     assert reason in error
     assert len([line for line in error.splitlines() if not line.startswith("found ")]) == 1
     assert not list((tmp_path / "out").glob("*"))
+
+
+@pytest.mark.parametrize("shift", ["cam0", "cam0=inf", "=1", "cam0=1e99"])
+def test_a_shift_that_is_none_is_refused(shift: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["sessions", "import", "rec", "--time-shift-ms", shift]) == ExitCode.USAGE
+    assert f"'{shift}' is not CAMERA=MS" in capsys.readouterr().err
 
 
 def test_a_table_whose_times_go_backwards_is_refused(

@@ -71,7 +71,7 @@ VARIANTS: dict[str, tuple[list[str], list[dict[str, str]]]] = {
     ),
     "one folder, names that ASCII has no letters for": (
         [f"trial{t}_{c}.mp4" for t in (1, 2) for c in ("يسار", "يمين")],
-        [{c: f"trial{t}_{name}" for c, name in (("cam0", "يسار"), ("cam1", "يمين"))} for t in (1, 2)],
+        [{c: f"trial{t}_{c}" for c in ("يسار", "يمين")} for t in (1, 2)],
     ),
     "one folder, three cameras": (
         [f"trial{t}_cam{c}.mp4" for t, c in ((1, 1), (1, 3), (2, 1), (2, 2), (2, 3))],

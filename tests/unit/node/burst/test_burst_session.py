@@ -1,6 +1,7 @@
 """A burst on the leader's side: whatever comes or does not come, a session that says so."""
 
 import hashlib
+import os
 from collections.abc import AsyncIterator
 from pathlib import Path
 
@@ -50,6 +51,15 @@ async def test_it_is_finished_when_every_camera_has_delivered(tmp_path: Path) ->
     assert session.finished.is_set()
     assert len(saved(session).manifest.images) == 4
     assert session.status.message == ""
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows renames no folder in which files are open")
+async def test_a_folder_that_is_renamed_meanwhile_is_told_at_once(tmp_path: Path) -> None:
+    session = burst_session(tmp_path, "a")
+    session.folder.rename(tmp_path / "jump")
+    await session.accept_report(report("a", 0, 1), now_ns=0)
+    await receive_image(session, upload("a", 0), pieces(IMAGE))
+    assert session.status.message == f"its folder is {tmp_path / 'jump'} now"
 
 
 async def test_whether_an_image_is_late_goes_by_the_camera_as_first_reported(tmp_path: Path) -> None:

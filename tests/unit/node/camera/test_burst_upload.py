@@ -186,17 +186,20 @@ def test_what_the_leader_has_is_neither_kept_nor_offered_again(spool: Spool) -> 
     assert upload.lost_instants() == [], "the leader has it"
 
 
-def test_pauses_are_counted_until_the_leader_answers_or_a_stream_is_opened() -> None:
-    upload = burst_upload(Picture(DATA[0]))
+def test_pauses_are_counted_until_an_image_is_saved_or_a_stream_is_opened(spool: Spool) -> None:
+    upload = sending(spooled_upload(spool, 0, 1))
     attempts = []
-    for answered in (False, False, True, False):
-        upload.take(UploadInput.REPORTED)
-        if answered:
-            upload.commit(None)
+    saved: dict[int, str]
+    for saved in ({}, {}, {0: receipt(DATA[0])}, {0: receipt(DATA[0])}):
         upload.put_off(0.0)
         attempts.append(upload.attempts)
+        upload.take(UploadInput.REPORTED)
+        # The leader takes the report each time: what it cannot save is an image.
+        upload.commit(None)
+        upload.confirm(saved)
+    upload.put_off(0.0)
     upload.reopen()
-    assert (attempts, upload.attempts) == ([1, 2, 1, 2], 0)
+    assert (attempts, upload.attempts) == ([1, 2, 3, 1], 0)
 
 
 def sized(*sizes: int) -> Upload:

@@ -121,9 +121,8 @@ class Duty:
         if self.is_full:
             self._put_off()
             return
-        self.put_off_in_a_row = 0
         self.node.commit(self.requested)
-        self.node.confirm(self.stored)
+        self._confirm(self.stored)
         # Of an instant that the node has not encoded yet it only learns when it is sent.
         self.confirmed |= {instant for instant, sha256 in self.stored.items() if sha256 == BYTES[instant]}
         if lost := self.node.lost_instants():
@@ -171,6 +170,14 @@ class Duty:
         stored = {image.record.instant: image.sha256 for image in images}
         self.stored |= stored
         self.confirmed |= {*stored}
+        self._confirm(stored)
+
+    def _confirm(self, stored: dict[int, str]) -> None:
+        taken = {
+            instant for instant, image in self.node.images.items() if stored.get(instant) == image.sha256
+        }
+        if taken:
+            self.put_off_in_a_row = 0
         self.node.confirm(stored)
 
     def _put_off(self) -> None:

@@ -46,6 +46,19 @@ def rig_timing(reference: str, *others: str) -> SessionTiming:
     )
 
 
+def unknown_rig_timing(reference: str, *others: str) -> SessionTiming:
+    """The same, as own clips have it: sentences say why the last camera's offset is unknown."""
+    why = (
+        "moving things are 13.8 px apart where they should meet, and no other pairing of frames explains "
+        "it: the calibration may be wrong, or a camera was moved between the calibration and this take"
+    )
+    *known, last = rig_timing(reference, *others).cameras
+    unknown = msgspec.structs.replace(
+        last, synchronized=False, late_ms=None, uncertainty_ms=None, reason=why, instants=()
+    )
+    return SessionTiming(reference=reference, cameras=(*known, unknown))
+
+
 NASTY = "jump <script>alert('x')</script> & \"pinwheel\" $css {x}"
 
 

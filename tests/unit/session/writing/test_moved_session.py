@@ -32,8 +32,10 @@ def test_a_recording_goes_on_where_its_folder_is_moved_to(tmp_path: Path) -> Non
 def test_images_of_a_burst_are_saved_in_a_renamed_folder(tmp_path: Path) -> None:
     writer = SessionWriter.create(tmp_path, "walk")
     writer.save([frame("left", 0)])
+    assert writer.moved_to is None
     writer.folder.rename(tmp_path / "jump")
     writer.save([frame("left", 1), frame("right", 0)])
+    assert writer.moved_to == tmp_path / "jump"
     assert (tmp_path / "jump" / "images" / "rig1" / "right" / "000000.jpg").is_file()
     writer.abort()
     assert len(SessionWriter(tmp_path / "jump", "walk").images.records) == 3

@@ -31,6 +31,9 @@ def test_python_gives_arrays_with_names(tmp_path: Path) -> None:
     assert len(made.times_s) == INSTANTS
     assert np.abs(made.positions(1) - truth()).max() < 1e-3
     assert made.errors(1).shape == (INSTANTS, len(JOINTS))
+    # What found these joints was never measured: nothing says that 95 % are within the error.
+    table = (tmp_path / "out" / "people.csv").read_text()
+    assert table.startswith("time_s,person,joint,x,y,z,precision_95,cameras,reprojection_px\n")
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == [
         "c3d", "people.csv", "people.gltf", "people.json", "pictures", "plots", "trc", "walk.html",
     ]  # fmt: skip

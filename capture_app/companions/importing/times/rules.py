@@ -379,8 +379,7 @@ def frame_numbers(cameras: Mapping[str, Sequence[Numbers]]) -> dict[str, Sequenc
     single: list[dict[str, list[Numbers]]] = [
         {name: [(name[k],) for name in names] for name, names in kept.items()} for k in range(width)
     ]
-    alone = len(kept) == 1 or _shared(kept)
-    tried = [kept] if alone else [digits for digits in single if _shared(digits)] or [kept]
+    tried = [kept] if _shared(kept) else [digits for digits in single if _shared(digits)] or [kept]
     usable = [trial for trial in tried if all(len(set(names)) == len(names) for names in trial.values())]
     if len(usable) != 1:
         return None

@@ -326,7 +326,8 @@ def _of_cameras(cameras: Mapping[str, Sequence[Clip]], notes: list[str]) -> list
 
 
 def _shoot(name: str, clips: Sequence[Clip]) -> Shoot:
-    names = [label_of(clip.path.stem) for clip in clips]
+    stems, folders = [clip.path.stem for clip in clips], [clip.path.parent.name for clip in clips]
+    names = [*map(label_of, folders if len({*stems}) < len({*folders}) == len(clips) else stems)]
     unique = [own if names.count(own) == 1 else f"{own}-{n}" for n, own in enumerate(names)]
     return label_of(name), dict(zip(unique, clips, strict=True))
 

@@ -207,9 +207,9 @@ def _parse(
         and (column[0].is_folder or not camera[0].is_folder)
         and not _DIGIT.search(piece.text)
     ]
-    # Of videos, two takes are as many as a camera needs to have a serial number.
-    most = len(instants) if stills else len(instants) * len(cameras)
-    return Parse(share + _evidence(camera, most, still=still), found, others)
+    # A long number may count, too, if nothing else does.
+    counts = len(instants) > 1 and (counters != [] or not stills)
+    return Parse(share + _evidence(camera, serials=counts, still=still), found, others)
 
 
 def _names_takes(column: Row, counters: Sequence[Row] = ()) -> bool:
@@ -225,12 +225,12 @@ def _names_takes(column: Row, counters: Sequence[Row] = ()) -> bool:
     return (counted and numbered and column[0].is_folder) or (of_takes and (counted or not numbered))
 
 
-def _evidence(camera: Row, instants: int, *, still: bool) -> int:
-    """Return the evidence in a column's own words that it tells cameras apart."""
+def _evidence(camera: Row, *, serials: bool, still: bool) -> int:
+    """Return the evidence in a column's own words that it tells cameras apart, by `serials` if they may be."""
     texts, labels = ({getattr(piece, of) for piece in camera} for of in ("text", "label"))
     words = texts if labels == {""} else labels if len(labels) == 1 else set[str]()
     number = all(map(str.isdecimal, texts))
-    serial = all(map(_SERIAL.fullmatch, texts)) and instants > len(texts)
+    serial = serials and all(map(_SERIAL.fullmatch, texts))
     score = 2 * camera[0].is_folder + 2 * (not any(map(_DIGIT.search, texts)))
     if serial or (any(map(CAMERA.search, words)) and not (number and max(map(len, texts)) > 3)):
         return score + 4

@@ -151,3 +151,10 @@ def test_folders_between_a_camera_and_its_clips_name_takes(tmp_path: Path) -> No
         ("take1", {"take1"}),
         ("take2", {"take2"}),
     ]
+
+
+def test_clips_of_one_name_are_called_like_their_folders(tmp_path: Path) -> None:
+    for take, camera in (("walk", "🔴"), ("walk", "🔵"), ("run", "🔴"), ("run", "🔵")):
+        write_video(tmp_path / take / camera / "video.mp4", (0, 33_000, 66_000))
+    shoots, _ = find_shoots(tmp_path)
+    assert [(take, [*clips]) for take, clips in shoots] == [("run", ["🔴", "🔵"]), ("walk", ["🔴", "🔵"])]

@@ -62,6 +62,11 @@ IMAGES: dict[str, tuple[Sequence[str], str]] = {
         [f"acA19__{c}__143002{n:03}_{n:04}" for c, n in product((22456780, 22456783), FIVE)],
         "22456780, 22456783; 5 instants",
     ),
+    "serial numbers as many as instants": (
+        [f"acA19__{c}__14300210{n}_{n:04}" for c, n in product((22456780, 22456783), (0, 1))],
+        "22456780, 22456783; 2 instants",
+    ),
+    "times in ms": ([f"{c}_{1234567 + 40 * n}" for c, n in product("ab", FIVE)], "a, b; 5 instants"),
     "a counter of three digits": (
         [f"im{c}_{n:03}" for c, n in product((0, 1), FIVE)],
         "im0, im1; 5 instants",

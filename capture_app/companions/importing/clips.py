@@ -6,10 +6,10 @@ folder is one camera, unless clips in one of them overlap in time or its name sa
 """
 
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import timedelta
-from itertools import combinations, pairwise
+from itertools import chain, combinations, pairwise
 from pathlib import Path
 from statistics import median
 
@@ -216,7 +216,7 @@ def _of_one_folder(clips: list[Clip], notes: list[str]) -> list[Shoot]:
     Group them by names such as cam1_take2, otherwise by recording time if that gives several takes. If
     neither works, all clips are one take.
     """
-    if shoots := _by_names(clips, notes):
+    if shoots := _by_names(clips, clips[0].path.parent, notes):
         return shoots
     groups = _by_date(clips)
     several = [group for group in groups if len(group) > 1]
@@ -246,7 +246,7 @@ def _of_one_folder(clips: list[Clip], notes: list[str]) -> list[Shoot]:
             if clip.began_s is not None and longer:
                 notes.append(f"left out {clip.path.name}: of another date and another length")
                 clips = [other for other in clips if other is not clip]
-    return _by_names(clips, notes) or [_shoot("", clips)]
+    return _by_names(clips, clips[0].path.parent, notes) or [_shoot("", clips)]
 
 
 def _by_date(clips: Sequence[Clip]) -> list[list[Clip]]:
@@ -259,9 +259,9 @@ def _by_date(clips: Sequence[Clip]) -> list[list[Clip]]:
     return groups
 
 
-def _by_names(clips: Sequence[Clip], notes: list[str]) -> list[Shoot]:
-    """Group the clips of the cameras that names tell into takes; none if they do not tell several takes."""
-    parse = choose(parse_names([clip.path for clip in clips], clips[0].path.parent, stills=False))
+def _by_names(clips: Sequence[Clip], root: Path, notes: list[str]) -> list[Shoot]:
+    """Group clips into takes of the cameras that their names tell, below a folder; none if they do not."""
+    parse = choose(parse_names([clip.path for clip in clips], root, stills=False))
     if parse is None or len(parse.takes) < 2:
         return []
     of = {clip.path: clip for clip in clips}
@@ -269,17 +269,14 @@ def _by_names(clips: Sequence[Clip], notes: list[str]) -> list[Shoot]:
     return _of_cameras(cameras, notes)
 
 
-def _take_words(names: Iterable[str]) -> int:
-    """Return 1 if words are those of takes, -1 if of cameras, 0 if of neither."""
-    text = " ".join(names)
-    return -1 if CAMERA.search(text) else int(TAKE.search(text) is not None)
-
-
 def _of_folders(inner: Mapping[Path, list[Clip]], notes: list[str]) -> list[Shoot]:
+    """Group the clips of folders, each of which is a take or a camera."""
+    named = any(TAKE.search(path.name) for path in inner) and not any(
+        CAMERA.search(path.name) for path in inner
+    )
     within = any(first.overlaps(other) for clips in inner.values() for first, other in combinations(clips, 2))
-    of_clips = _take_words(clip.path.stem for clips in inner.values() for clip in clips)
-    of_folders = _take_words(path.name for path in inner)
-    named = of_folders > 0 or of_clips < of_folders == 0
+    if shoots := _by_names([*chain.from_iterable(inner.values())], next(iter(inner)).parent, notes):
+        return shoots
     if within or (named and all(len(clips) > 1 for clips in inner.values())):
         return [_shoot(path.name, clips) for path, clips in inner.items()]
     cameras = {label_of(path.name): clips for path, clips in inner.items()}
@@ -326,8 +323,7 @@ def _of_cameras(cameras: Mapping[str, Sequence[Clip]], notes: list[str]) -> list
 
 
 def _shoot(name: str, clips: Sequence[Clip]) -> Shoot:
-    stems, folders = [clip.path.stem for clip in clips], [clip.path.parent.name for clip in clips]
-    names = [*map(label_of, folders if len({*stems}) < len({*folders}) == len(clips) else stems)]
+    names = [label_of(clip.path.stem) for clip in clips]
     unique = [own if names.count(own) == 1 else f"{own}-{n}" for n, own in enumerate(names)]
     return label_of(name), dict(zip(unique, clips, strict=True))
 

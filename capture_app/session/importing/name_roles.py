@@ -7,18 +7,19 @@ all names form a column. A parse makes one column the camera's; its score is the
 import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain
 from os.path import commonpath
 from pathlib import Path
 from unicodedata import normalize
 
-CAMERA = re.compile(
-    r"cam|kamera|cámara|caméra|камера|カメラ|相机|相機|كاميرا|left|right|front|back|side|top|view|"
-    r"gopro|phone|pixel|ipad|galaxy|canon|sony|angle|^(c|ch|pi)$",
-    re.IGNORECASE,
+_DEVICE = (
+    r"cam|kamera|cámara|caméra|камера|カメラ|相机|相機|كاميرا|view|angle|"
+    r"gopro|phone|pixel|ipad|galaxy|canon|sony|^(c|ch|pi)$"
 )
-"""Words in the names of cameras; of a number, the word before it."""
+"""Words before the number of a camera."""
+CAMERA = re.compile(f"{_DEVICE}|left|right|front|back|side|top", re.IGNORECASE)
+"""Words in the names of cameras."""
 TAKE = re.compile(
     r"(?<![^\W\d_])(take|trial|run|scene|shot|day|session|try|attempt|walk|jump|drive|seq|clip)|(?<!\d)20\d\d",
     re.IGNORECASE,
@@ -109,15 +110,21 @@ def take_names(cameras: Mapping[str, Sequence[Path]]) -> dict[Path, str]:
     files = [*chain.from_iterable(cameras.values())]
     texts = [name for name, own in cameras.items() for _ in own]
     columns = _columns(files, Path(commonpath([file.parent for file in files])))
-    rest = [
-        column for column in columns[columns != [] and columns[0][0].is_folder :] if _is_free(column, texts)
-    ]
+    # The outermost folders that differ as the cameras do are theirs; what is in them may be takes.
+    own = next((one for one in columns if one[0].is_folder and _parts_alike(one, texts)), None)
+    rest = [column for column in columns if column is not own and _is_free(column, texts)]
     names = [_take_name(rest, n).casefold() for n in range(len(files))]
     # Where these do not tell a camera's files apart, their types do, or nothing.
     for other in ([file.suffix.casefold() for file in files], [*map(str, files)]):
         twice = {own[1] for own, n in Counter(zip(texts, names, strict=True)).items() if n > 1}
         names = [name + more * (name in twice) for name, more in zip(names, other, strict=True)]
     return dict(zip(files, names, strict=True))
+
+
+def _parts_alike(column: Row, cameras: Sequence[str]) -> bool:
+    """Return whether a column has one text for each camera, and another one for each other camera."""
+    pairs = {*zip(cameras, (piece.text for piece in column), strict=True)}
+    return len(pairs) == len({*cameras}) == len({piece.text for piece in column})
 
 
 def _take_name(columns: Sequence[Row], n: int) -> str:
@@ -130,10 +137,20 @@ def _take_name(columns: Sequence[Row], n: int) -> str:
 def _columns(files: Sequence[Path], root: Path) -> list[Row]:
     """Return the columns of the names below a folder; none if folders of unequal depth have equal rows."""
     above = [file.relative_to(root).parts[:-1] for file in files]
-    depth = min(map(len, above), default=0)
-    folders = (tuple(Piece(name, "", name, is_folder=True) for name in parts[:depth]) for parts in above)
-    rows = [(*folder, *stem) for folder, stem in zip(folders, _stems(files), strict=True)]
+    levels = map(_folder_pieces, zip(*(parts[: min(map(len, above))] for parts in above), strict=True))
+    rows = [tuple(chain(*own)) for own in zip(*levels, _stems(files), strict=True)]
     return [*zip(*rows, strict=True)] if len({*rows}) == len({file.with_suffix("") for file in files}) else []
+
+
+def _folder_pieces(names: Sequence[str]) -> list[Row]:
+    """Return each folder's name as one piece, or its pieces if they are a camera's and others: `walk_left`."""
+    stems = [_pieces(normalize("NFC", name)) for name in names]
+    columns = [*zip(*stems, strict=False)] if len({*map(len, stems)}) == 1 else []
+    varying = [column for column in columns if len({piece.text for piece in column}) > 1]
+    of_cameras = any(CAMERA.search(piece.label or piece.text) for column in varying for piece in column)
+    if of_cameras and all(len({piece.text for piece in column}) < len({*names}) for column in varying):
+        return [tuple(replace(piece, is_folder=True) for piece in stem) for stem in stems]
+    return [(Piece(name, "", name, is_folder=True),) for name in names]
 
 
 def _stems(files: Sequence[Path]) -> list[Row]:
@@ -167,7 +184,7 @@ def _is_free(column: Row, cameras: Sequence[str], *, alone: bool = False) -> boo
     number = column[0].text.isdecimal() and not column[0].is_folder
     named = any(CAMERA.search(piece.label) or _SERIAL.fullmatch(piece.text) for piece in column)
     # Two numbers of each camera, as a place and a serial number.
-    named |= len({piece.text for piece in column}) == len({*cameras}) and all(map(str.isdecimal, cameras))
+    named |= _parts_alike(column, cameras) and all(map(str.isdecimal, cameras))
     of_takes = len({piece.text for piece in column}) > 1 and _names_takes(column, [()])
     return len(own) > len({*cameras}) or of_takes or (number and (alone or not named))
 
@@ -226,13 +243,15 @@ def _names_takes(column: Row, counters: Sequence[Row] = ()) -> bool:
 
 
 def _evidence(camera: Row, *, serials: bool, still: bool) -> int:
-    """Return the evidence in a column's own words that it tells cameras apart, by `serials` if they may be."""
+    """Return the evidence in a column's words that it tells cameras apart; `serials`: they may be theirs."""
     texts, labels = ({getattr(piece, of) for piece in camera} for of in ("text", "label"))
     words = texts if labels == {""} else labels if len(labels) == 1 else set[str]()
     number = all(map(str.isdecimal, texts))
     serial = serials and all(map(_SERIAL.fullmatch, texts))
     score = 2 * camera[0].is_folder + 2 * (not any(map(_DIGIT.search, texts)))
-    if serial or (any(map(CAMERA.search, words)) and not (number and max(map(len, texts)) > 3)):
+    # The number after a place, as in left1, is a frame's; so is one of four digits.
+    words_of = re.compile(_DEVICE, re.IGNORECASE) if number else CAMERA
+    if serial or (any(map(words_of.search, words)) and not (number and max(map(len, texts)) > 3)):
         return score + 4
     counts = any(TAKE.search(word) or _INSTANT.fullmatch(re.sub(r"[\W\d_]+$", "", word)) for word in words)
     padded = number and any(re.match(r"0\d\d", text) for text in texts)

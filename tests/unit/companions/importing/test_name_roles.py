@@ -76,6 +76,14 @@ IMAGES: dict[str, tuple[Sequence[str], str]] = {
         ["anna/PXL_20240615_0930", "ben/IMG_20240615_0931"],
         "anna, ben; one instant",
     ),
+    "folders that name takes and cameras": (
+        [f"{t}_{c}/{n}" for t, c, n in product(("walk", "run"), LR, FIVE)],
+        "left, right; take = walk, run; 5 instants",
+    ),
+    "folders that name cameras twice": (
+        [f"{c}_{serial}/{n}" for (c, serial), n in product((("left", "77"), ("right", "78")), FIVE)],
+        "left_77, right_78; 5 instants",
+    ),
     "folders of takes": (
         [f"{t}/{c}{n}" for t, c, n in product("12", LR, FIVE)],
         "left, right; take = 1, 2; 5 instants",
@@ -84,6 +92,7 @@ IMAGES: dict[str, tuple[Sequence[str], str]] = {
 QUESTIONS: dict[str, Sequence[str]] = {
     "a counter": [f"IMG_{n:04}" for n in FIVE],
     "a counter of a camera": [f"cam{n:04}" for n in FIVE],
+    "a counter of a place": ["left1", "left2", "left3"],
     "two numbers": [f"cal_{n}_{c}" for n, c in product(FIVE, (0, 1))],
     "seconds and a counter": [f"20260131_{n // 2 + 142530}_{n % 2}" for n in range(6)],
     "folders of numbers": [f"{n:06}/{c}" for n, c in product(FIVE, (0, 1))],

@@ -143,7 +143,7 @@ def _columns(files: Sequence[Path], root: Path) -> list[Row]:
 
 
 def _folder_pieces(names: Sequence[str]) -> list[Row]:
-    """Return each folder's name as one piece, or its pieces if they are a camera's and others: `walk_left`."""
+    """Return each folder's name as one piece, or its pieces if they are of a camera and more: `walk_left`."""
     stems = [_pieces(normalize("NFC", name)) for name in names]
     columns = [*zip(*stems, strict=False)] if len({*map(len, stems)}) == 1 else []
     varying = [column for column in columns if len({piece.text for piece in column}) > 1]

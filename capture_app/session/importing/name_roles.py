@@ -30,7 +30,9 @@ _INSTANT = re.compile(r"(frame|time|step|shot|t)s?", re.IGNORECASE)
 _SERIAL = re.compile(r"(?!(19|20)\d{6}$|([01]\d|2[0-3])[0-5]\d[0-5]\d{4}$)[1-9]\d{6,8}")
 """A camera's serial number, which is neither a date nor a time of day in ms."""
 _AROUND = re.compile(r"(.*?)[\s_.-]*(\d+)[\s_.-]*(\D*)")
+"""The last number of a name, and what is before and after it."""
 _DIGIT = re.compile(r"\d")
+_MAX_CAMERAS = 1000
 _MARGIN = 2
 """Least score of a parse that is taken, and its least distance from every other one."""
 
@@ -89,6 +91,7 @@ def parse_names(files: Sequence[Path], root: Path, *, stills: bool = True) -> li
     parses = [
         _parse(files, varying, column, stills=stills, still=any(n > columns.index(column) for n in still))
         for column in reversed(varying)
+        if len({piece.text for piece in column}) <= _MAX_CAMERAS
     ]
     # Columns that part the files in the same way are one reading, by the outermost of the best.
     found = sorted(filter(None, parses), key=lambda parse: parse.score)
@@ -113,7 +116,7 @@ def take_names(cameras: Mapping[str, Sequence[Path]]) -> dict[Path, str]:
     # The outermost folders that differ as the cameras do are theirs; what is in them may be takes.
     own = next((one for one in columns if one[0].is_folder and _parts_alike(one, texts)), None)
     rest = [column for column in columns if column is not own and _is_free(column, texts)]
-    names = [_take_name(rest, n).casefold() for n in range(len(files))]
+    names = [name.casefold() for name in _take_names(rest, len(files))]
     # Where these do not tell a camera's files apart, their types do, or nothing.
     for other in ([file.suffix.casefold() for file in files], [*map(str, files)]):
         twice = {own[1] for own, n in Counter(zip(texts, names, strict=True)).items() if n > 1}
@@ -127,17 +130,18 @@ def _parts_alike(column: Row, cameras: Sequence[str]) -> bool:
     return len(pairs) == len({*cameras}) == len({piece.text for piece in column})
 
 
-def _take_name(columns: Sequence[Row], n: int) -> str:
-    """Return a name's pieces in columns, each with the word before it if that is the same in all names."""
-    return "-".join(
-        one[n].name if len({piece.label for piece in one}) == 1 else one[n].text for one in columns
-    )
+def _take_names(columns: Sequence[Row], count: int) -> list[str]:
+    """Return each name's pieces in columns, with the word before them if that is the same in all names."""
+    alike = [len({piece.label for piece in column}) == 1 for column in columns]
+    named = [[p.name if own else p.text for p in column] for own, column in zip(alike, columns, strict=True)]
+    return ["-".join(own) for own in zip(*named, strict=True)] or [""] * count
 
 
 def _columns(files: Sequence[Path], root: Path) -> list[Row]:
     """Return the columns of the names below a folder; none if folders of unequal depth have equal rows."""
     above = [file.relative_to(root).parts[:-1] for file in files]
-    levels = map(_folder_pieces, zip(*(parts[: min(map(len, above))] for parts in above), strict=True))
+    depth = min(map(len, above), default=0)
+    levels = map(_folder_pieces, zip(*(parts[:depth] for parts in above), strict=True))
     rows = [tuple(chain(*own)) for own in zip(*levels, _stems(files), strict=True)]
     return [*zip(*rows, strict=True)] if len({*rows}) == len({file.with_suffix("") for file in files}) else []
 
@@ -208,22 +212,20 @@ def _parse(
     ]
     takes = [column for column in rest if not stills or _names_takes(column, counters)]
     found: dict[str, dict[str, list[Path]]] = {}
-    for n, file in enumerate(files):
-        take = _take_name(takes, n)
-        found.setdefault(take, {}).setdefault(camera[n].name, []).append(file)
+    for file, take, piece in zip(files, _take_names(takes, len(files)), camera, strict=True):
+        found.setdefault(take, {}).setdefault(piece.name, []).append(file)
     full = len(pairs) == len(cameras) * len(instants)
+    # Each camera has all instants, or most.
     share = 2 if full else int(len(pairs) > 0.6 * len(cameras) * len(instants))
     if len(instants) == 1 or (stills and camera[0].text.isdecimal() and not counters):
         share = 0
     # Words tell instants apart if no camera lacks one; in a camera's own folder they are of its frames.
-    others = [
-        piece.text
+    telling = [
+        column
         for column in ([] if full and not counters else rest)
-        for piece in column
-        if column not in takes
-        and (column[0].is_folder or not camera[0].is_folder)
-        and not _DIGIT.search(piece.text)
+        if (column[0].is_folder or not camera[0].is_folder) and column not in takes
     ]
+    others = sorted({piece.text for piece in chain(*telling) if not _DIGIT.search(piece.text)})
     # A long number may count, too, if nothing else does.
     counts = len(instants) > 1 and (counters != [] or not stills)
     return Parse(share + _evidence(camera, serials=counts, still=still), found, others)
@@ -243,7 +245,12 @@ def _names_takes(column: Row, counters: Sequence[Row] = ()) -> bool:
 
 
 def _evidence(camera: Row, *, serials: bool, still: bool) -> int:
-    """Return the evidence in a column's words that it tells cameras apart; `serials`: they may be theirs."""
+    """Return the evidence in a column's words that it tells cameras apart; `serials`: they may be theirs.
+
+    It is 4 for words of cameras, -4 for those of takes and instants, and 2 each for a folder, for words
+    without a digit, and for a number before a counter that stands `still`. It is -2 for another number
+    with leading zeros.
+    """
     texts, labels = ({getattr(piece, of) for piece in camera} for of in ("text", "label"))
     words = texts if labels == {""} else labels if len(labels) == 1 else set[str]()
     number = all(map(str.isdecimal, texts))

@@ -271,7 +271,7 @@ def _by_group(where: str, rows: Sequence[_Row], timed: Mapping[str, _Timed]) -> 
 
 _SUFFIXES = (".csv", ".tsv", ".txt")
 _OF_TIMES = re.compile(
-    r"[._\- ]*(frame|video)?[._\- ]*(times?|time_?stamps?|ts|metadata|data)$", re.IGNORECASE
+    r"([._\- ]*(frame|video)?[._\- ]*(times?|time_?stamps?)|(^|[._\- ])+(ts|metadata|data))$", re.IGNORECASE
 )
 """What a table's name says besides its camera's."""
 _SINCE_1970_NS = 946_684_800_000_000_000

@@ -67,6 +67,15 @@ def test_dates_of_each_camera_are_taken(tmp_path: Path, files: Sequence[str]) ->
     assert numbers_of(session) == LATE
 
 
+@pytest.mark.parametrize("form", ["{}.csv", "{}_ts.csv", "{}-frame times.csv", "{}.metadata.csv"])
+def test_names_that_end_like_those_of_tables_are_cameras(tmp_path: Path, form: str) -> None:
+    clips(tmp_path / "rec", ("links", "rechts"))
+    for name, late_s in (("links", 0), ("rechts", 0.101)):
+        (tmp_path / "rec" / form.format(name)).write_text(rows(EPOCH_S + late_s))
+    session, _ = imported(tmp_path / "rec")
+    assert common(session).state == "recorded"
+
+
 @pytest.mark.parametrize("file", ["frames.csv", "video.csv"])
 def test_a_table_in_each_cameras_folder_is_taken(tmp_path: Path, file: str) -> None:
     for name, late_s in (("a", 0), ("b", 0.101)):

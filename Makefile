@@ -19,45 +19,7 @@
 # make coverage   the branches that unit tests take of nodes, of session's writing, of importing, of the rig's sync (4 min)
 # make readers   the programs that exports are for, so that `make test KIND=system` tries each export with them (950 MB)
 # make test-dist   wheel and sdist in clean environments, with the demo (PYTHONS="python3.11 python3.13": with these)
-# make bench NAME=sync   clock synchronization on an emulated WiFi link, beside other filters (root, 10 min; BENCH=--quick: 1 min)
-# make bench NAME=relay   a rig with cameras below a relay, over two emulated WiFi links (root, 6 min)
-# make bench NAME=rig   bursts of five cameras with two fast clocks, over emulated WiFi links (root, 4 min)
-# make bench NAME=phones   a phone's page in a real browser over an emulated link: its clock, bursts, a kill (root, Chromium, 4 min)
-# make bench NAME=record   ten minutes of recording by four cameras of 1080p30 MJPEG, 50 kills and 8 outages (30 min, 40 GB; BENCH="--seconds 60 --kills 0 --outages 0"; BENCH="--within 30 --kills 0 --outages 0": kills within it)
-# make bench NAME=throughput   how many cameras a recording bears, beside ffmpeg and a plain socket (3 min; BENCH="--rig 2x30 --load 10")
-# make bench NAME=folders   thirty folders of recordings as strangers have them: offset, error bar, truth and what was said (3 min; BENCH="--only lamp")
-# make bench NAME=folder-layouts   three hundred drawn folders of every layout, imported and scored by what their pictures show (5 min; BENCH="--seed 2 --only parts")
-# make bench NAME=panel   the time read off 200 rendered photographs of LED panels and 200 of screens, and whether its error bar holds (15 min; BENCH="--count 20")
-# make bench NAME=panel-takes   forty rendered recordings aligned by a screen's panel, and whether the error bars hold (30 min; BENCH="--count 8 --jobs 4")
-# make bench NAME=rig-time   the rig's time and marks of an operator, against the truth (a minute)
-# make bench NAME=ball   a drawn ball's path by four cameras in step and staggered (3 min)
-# make bench NAME=trajectory   the same ball's path by `reconstruct trajectory`, from whole images (8 min)
-# make bench NAME=two-steps   depth and views of a rendered rig whose cameras are staggered in pairs (5 min)
-# make bench NAME=stagger   errors and readiness of staggered rigs beside rigs in step, in virtual time (3 min)
-# make bench NAME=multiview   depth from many views, beside SGBM (BENCH="--scene plain ..."; BENCH="--row FOLDER": real images)
-# make bench NAME=views   views and splats from places without a camera, beside the truth, of four scenes (5 min a scene; BENCH="jumper --seeds 5 --splats")
-# make bench NAME=left-out BENCH=SESSION   views of a session without each of its cameras, beside that camera's picture (a minute a camera)
-# make bench NAME=any-rig   depth of an object by rigs of every kind: rings, a dome, opposite pairs, mixed (30 min; BENCH="--width 320")
-# make bench NAME=confidence   of depths said to be right with some probability, how many are (10 min; BENCH="--pose-error 0.5")
-# make bench NAME=pose-errors   depth by the error of the cameras' poses, and with --refine (15 min; BENCH="--quick --error 2")
-# make bench NAME=wrong-fields   what is said of sessions calibrated with a wrong field of view, of three scenes (20 min; BENCH="crossing --error 20")
-# make bench NAME=fisheyes   a board's calibration of fisheyes; their depth, views and splat beside the perspective twin's (3 min)
-# make bench NAME=board-errors   errors that board calibrations state, beside the true ones (17 min; BENCH="--rigs 20")
-# make bench NAME=pairs   wrong pixels of rectified pairs with a truth, beside OpenCV's SGBM (BENCH="FOLDER ...": other pairs)
-# make bench NAME=people   joints of a drawn figure whose cameras are in step, late, staggered or of unequal rates (8 min; BENCH="--cameras 4")
-# make bench NAME=people-scenes   who is who in drawn scenes of several people, with detections that err (5 min; BENCH="--kinds embrace --cameras 4")
-# make bench NAME=people-film BENCH=SESSION   joints of a real film of which one camera is reduced to every other frame (a minute)
-# make bench NAME=verdicts   what is said of takes whose lateness is known: certified, denied, not told, error bars (30 min; BENCH="--fast --part 2")
-# make bench NAME=rig-verdicts   what is said of rigs of three and five cameras of which one is late (20 min; BENCH="--steady --part 2")
-# make bench NAME=periodic   recordings of a motion that repeats, begun at other times: who is aligned a period off (15 min; BENCH="--count 8")
-# make bench NAME=time-words   what reconstruct time says of forty takes of which single images are off, beside the truth (5 min)
-# make bench NAME=seeds   ten thousand rigs in virtual time, each with the faults and orders of its seed (hours; BENCH=0-299)
-# make bench NAME=flips   flip forty operators of depth, multiview and calibration, and list those that no quick test notices (an hour; BENCH="FOLDER --tests tests/unit/FOLDER")
-# make bench NAME=deletions   delete each branch, handler and private body of bursts' rooms, and list those that no unit test notices (15 min; BENCH="FOLDER --tests tests/unit/FOLDER")
-# make bench NAME=keys   seconds from a key to its answer on the screen, beside five live previews (a minute; BENCH="--load 8")
-# make bench NAME=soak SECONDS=120   burst after burst, whether threads, memory, open files or phase errors grow, and the largest phase error (BENCH="--cameras 5 --every 20")
-# make bench NAME=hostile   hostile datagrams, frames and connections against a running rig (BENCH="--datagrams 10000000 --frames 200000")
-# make bench NAME=paper   the paper's tables and figures measured again, for docs/paper.md (simulated, 15 min; BENCH="--quick --out DIR")
+# make bench NAME=...   one of the benchmarks, with arguments in BENCH="..." (make help names them)
 # make fuzz SECONDS=120   every reader of strangers' bytes under a coverage-guided fuzzer, so many seconds each (FUZZ="datagram": that one)
 # make samples   render the sample sessions again from their recipes: the same times, truth and pictures
 # make pictures NAME=screenshots   the pictures of the screen in docs/images, from a real run with simulated cameras
@@ -93,6 +55,7 @@ unexport PYTHONDONTWRITEBYTECODE
 
 help:
 	@sed -n 's/^# make /make /p' Makefile
+	@$(PYTHON) -m benchmarks
 
 install: | system
 	PYTHON=$(PYTHON) ./install.sh $(if $(EXTRAS),--with $(EXTRAS))
@@ -165,51 +128,8 @@ $(VENV)/.installed-readers: tests/readers.txt $(VENV)/.installed-dev
 	npm install --silent --no-fund --no-audit --prefix $(VENV)/readers @playcanvas/splat-transform@3.7.0
 	@touch $@
 
-# The module of each benchmark by its NAME, and its arguments; BENCH has further ones.
-BENCH_sync := benchmarks.clock.sync_link
-BENCH_relay := benchmarks.clock.relay_link
-BENCH_rig := benchmarks.clock.rig_link
-BENCH_phones := benchmarks.phones.phone_link
-BENCH_record := benchmarks.sessions.recording --kills 50 --outages 8
-BENCH_throughput := benchmarks.sessions.throughput
-BENCH_folders := benchmarks.sessions.folders
-BENCH_folder-layouts := benchmarks.sessions.folder_layouts
-BENCH_panel := benchmarks.panel.read_photographs
-BENCH_panel-takes := benchmarks.panel.align_takes
-BENCH_rig-time := benchmarks.clock.rig_time
-BENCH_ball := benchmarks.stagger.ball_path
-BENCH_trajectory := benchmarks.stagger.ball_session
-BENCH_two-steps := benchmarks.stagger.rendered_steps
-BENCH_stagger := benchmarks.stagger.rig_errors
-BENCH_multiview := benchmarks.reconstruction.multiview
-BENCH_people := benchmarks.people.time_of_frames
-BENCH_people-scenes := benchmarks.people.people_scenes
-BENCH_people-film := benchmarks.people.every_other_frame
-BENCH_views := benchmarks.reconstruction.novel_views
-BENCH_left-out := benchmarks.reconstruction.left_out_cameras
-BENCH_any-rig := benchmarks.reconstruction.any_rig
-BENCH_confidence := benchmarks.reconstruction.depth_confidence
-BENCH_pose-errors := benchmarks.reconstruction.pose_errors
-BENCH_wrong-fields := benchmarks.reconstruction.wrong_fields
-BENCH_fisheyes := benchmarks.reconstruction.fisheye_twin
-BENCH_board-errors := benchmarks.reconstruction.board_errors
-BENCH_pairs := benchmarks.reconstruction.stereo_pairs
-BENCH_verdicts := benchmarks.reconstruction.verdicts
-BENCH_rig-verdicts := benchmarks.reconstruction.rig_verdicts
-BENCH_periodic := benchmarks.reconstruction.periodic_takes
-BENCH_time-words := benchmarks.reconstruction.time_words
-BENCH_seeds := tests.virtual $(if $(BENCH),,0-9999)
-BENCH_flips := benchmarks.flip_operators $(if $(BENCH),,$(addprefix reconstruction/,depth methods/multiview scene/calibration) \
-  --tests tests/unit/reconstruction/depth --tests tests/unit/reconstruction/scene/calibration --tests tests/unit/reconstruction)
-BENCH_deletions := benchmarks.delete_parts $(if $(BENCH),,$(addprefix capture_app/,node/burst session/writing rig) \
-  $(addprefix --tests tests/unit/,node session rig))
-BENCH_keys := benchmarks.screen.keys
-BENCH_soak := benchmarks.endurance.soak --seconds $(SECONDS)
-BENCH_hostile := benchmarks.endurance.hostile
-BENCH_paper := benchmarks.paper paper --markdown docs/paper.md
-
 bench: $(VENV)/.installed$(if $(filter phones seeds flips deletions paper,$(NAME)),-dev)
-	@$(BIN)/python -m $(or $(BENCH_$(NAME)),$(error there is no NAME=$(NAME): see make help)) $(BENCH)
+	@$(BIN)/python -m benchmarks $(NAME) $(if $(filter soak,$(NAME)),--seconds $(SECONDS)) $(BENCH)
 
 PICTURES_screenshots := screenshots
 PICTURES_animation := take_animation

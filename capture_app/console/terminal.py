@@ -8,7 +8,7 @@ import stat
 import sys
 import threading
 import traceback
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
@@ -129,29 +129,48 @@ def answer(as_json: bool, value: Any, lines: Iterable[str] = (), *, said: str = 
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """Format a table for stdout, numeric columns right-aligned; without rules and colours for a file."""
+    """Format a table for stdout, numeric columns right-aligned; without rules for a file, or many rows."""
+    rows = [[printable(cell).replace("\n", "\\n") for cell in row] for row in rows]
+    numbers = [bool(rows) and all(map(_is_number, column)) for column in zip(*rows, strict=True)]
+    numbers = numbers or [False for _ in head]
+    if len(rows) > MAX_DRAWN or not sys.stdout.isatty():
+        return "\n".join(_aligned([head, *rows], numbers))
     from rich import box
     from rich.console import Console
     from rich.table import Table
     from rich.text import Text
 
-    rows, on_terminal = list(rows), sys.stdout.isatty()
-    drawn = Table(box=box.SIMPLE_HEAD if on_terminal else None, pad_edge=False, padding=(0, 2, 0, 0))
-    for place, title in enumerate(head):
-        numbers = bool(rows) and all(_is_number(row[place]) for row in rows)
-        drawn.add_column(Text(title), justify="right" if numbers else "left", overflow="fold")
+    drawn = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 2, 0, 0))
+    for title, is_numeric in zip(head, numbers, strict=True):
+        drawn.add_column(Text(title), justify="right" if is_numeric else "left", overflow="fold")
     for row in rows:
-        drawn.add_row(*(Text(printable(cell)) for cell in row))
-    console = Console(file=sys.stdout, width=None if on_terminal else 100_000)
+        drawn.add_row(*map(Text, row))
+    console = Console(file=sys.stdout, color_system=None)
     with console.capture() as printed:
         console.print(drawn)
     return "\n".join(line.rstrip() for line in printed.get().splitlines()).strip("\n")
+
+
+def _aligned(rows: Sequence[Sequence[str]], numbers: Sequence[bool]) -> Iterator[str]:
+    """Yield rows as lines, each column as wide as its widest cell."""
+    from rich.cells import cell_len
+
+    widths = [max(map(cell_len, column)) for column in zip(*rows, strict=True)]
+    for row in rows:
+        blanks = [" " * (width - cell_len(cell)) for cell, width in zip(row, widths, strict=True)]
+        aligned = (
+            blank + cell if is_numeric else cell + blank
+            for cell, blank, is_numeric in zip(row, blanks, numbers, strict=True)
+        )
+        yield "  ".join(aligned).rstrip()
 
 
 def _is_number(cell: str) -> bool:
     return cell in ("-", "–") or cell.lstrip("+-").replace(".", "", 1).isdecimal()
 
 
+MAX_DRAWN = 500
+"""Maximum number of rows that are drawn as a table: it takes a millisecond each."""
 _STEPPING = threading.Lock()
 
 

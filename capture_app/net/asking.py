@@ -16,15 +16,18 @@ from capture_app.trust.trust import OPEN_VARIABLE, Trust
 A = TypeVar("A", bound=Message)
 
 
-async def next_message(channel: Channel[Any], timeout_s: float) -> messages.FromLeader:
-    """Return the leader's next message, which may be a refusal, without its payload. Raises NetworkError."""
+async def next_message(channel: Channel[Any], timeout_s: float, hint: str = "") -> messages.FromLeader:
+    """Return the leader's next message, which may be a refusal, without its payload.
+
+    Raises NetworkError; `hint` is for a leader that does not answer.
+    """
     try:
         async with asyncio.timeout(timeout_s):
             answer: messages.FromLeader | None = await channel.receive_header()
     except TimeoutError as error:
         raise NetworkError(
             f"the leader at {channel.peer} does not answer",
-            hint=f"look for the cause: capture-app doctor --leader {channel.peer}",
+            hint=hint or f"look for the cause: capture-app doctor --leader {channel.peer}",
         ) from error
     if answer is None:
         asks = f"; if it requires pairing: unset {OPEN_VARIABLE}" if Trust.of_user().is_open else ""

@@ -174,7 +174,6 @@ def import_command(
         {
             "session": str(session.folder),
             "cameras": [camera.name for camera in session.manifest.cameras],
-            "labels": session.manifest.labels,
             "instants": len(session.manifest.burst.instants_ns),
             "images": len(session.manifest.images),
             "missing": len(session.manifest.missing),

@@ -29,20 +29,20 @@ class Situation:
 
 STEPS: Sequence[tuple[str, str, Callable[[Situation], bool]]] = (
     (
-        "calibrate from a file or from another session of these cameras",
+        "calibrate from a file or another session of these cameras",
         "reconstruct calibrate {folder} --from PATH",
-        lambda its: its.cameras > 1 and not its.calibrated,
-    ),
-    (
-        "calibrate by what is still",
-        "reconstruct calibrate {folder}",
-        lambda its: its.cameras > 2 and not its.calibrated,
+        lambda its: its.cameras == 2 and not its.calibrated,
     ),
     (
         "calibrate by what is still and the cameras' horizontal view in degrees",
         "reconstruct calibrate {folder} --field-of-view DEG",
         # Images of two cameras do not determine their lenses.
         lambda its: its.cameras == 2 and not its.calibrated,
+    ),
+    (
+        "calibrate from a file or another session, or without --from by what is still",
+        "reconstruct calibrate {folder} --from PATH",
+        lambda its: its.cameras > 2 and not its.calibrated,
     ),
     (
         "align by what moves, with a calibration",

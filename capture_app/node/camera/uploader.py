@@ -62,6 +62,10 @@ ENCODE_EVERY_S = 0.25
 ASK_AGAIN_S, MAX_DOUBLINGS = 0.05, 4
 """Delay before a burst that depends on other cameras is reported again, for each burst that waits here; it
 doubles each time, to 0.8 s."""
+LARGE_ARE_LOST = (
+    "it answered a short message before: if it runs, the path may drop large packets, where a smaller MTU"
+    " helps: sudo ip link set dev wlan0 mtu 1280"
+)
 
 A = TypeVar("A", ImageAck, ReportAck)
 
@@ -255,7 +259,8 @@ class Sender:
     async def _receive(self) -> FromLeader:
         """Return the leader's next message, other than that it is still saving images."""
         while True:
-            answer = await next_message(self._channel, UPLOAD_ANSWER_TIMEOUT_S)
+            hint = LARGE_ARE_LOST if self._channel.has_spoken else ""
+            answer = await next_message(self._channel, UPLOAD_ANSWER_TIMEOUT_S, hint)
             if not isinstance(answer, ImageAck) or answer.sha256 is not None:
                 return answer
 

@@ -6,6 +6,7 @@ This module also computes a manifest's sync record, and checks the rules that ev
 from __future__ import annotations
 
 import inspect
+import os
 import stat
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -483,6 +484,33 @@ def inside(folder: Path, path: str) -> Path:
     except (OSError, RuntimeError):
         pass
     raise BadInputError(f"{folder / MANIFEST} names {path!r}, which is {what}", hint=RESTORE)
+
+
+def check_inside(folder: Path, paths: Iterable[str]) -> set[str]:
+    """Check paths that a manifest states as `inside` does, and return those of plain files that exist.
+
+    Each of their folders is looked at once, as a session may have a million images.
+    """
+    listed: dict[str, set[str]] = {}
+    plain = set[str]()
+    for path in paths:
+        parent, _, name = path.rpartition("/")
+        if parent and parent not in listed:
+            listed[parent] = _plain_files(inside(folder, parent))
+        if name in listed.get(parent, ()) and "\\" not in name:
+            plain.add(path)
+        else:
+            inside(folder, path)
+    return plain
+
+
+def _plain_files(folder: Path) -> set[str]:
+    """Return the names of a folder's regular files that are no links; none if there is no such folder."""
+    try:
+        with os.scandir(folder) as entries:
+            return {entry.name for entry in entries if entry.is_file(follow_symlinks=False)}
+    except OSError:
+        return set()
 
 
 def check_references(path: Path, manifest: Manifest) -> None:

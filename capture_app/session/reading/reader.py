@@ -39,6 +39,7 @@ from capture_app.session.format.manifest import (
     ImageRecord,
     Manifest,
     VideoRecord,
+    check_inside,
     check_references,
     inside,
 )
@@ -65,6 +66,8 @@ class Session:
         self.folder = folder
         self.stored_manifest = manifest
         self._files: dict[str, Path] = {}
+        self._plain = set[str]()
+        """Paths of the manifest that are known to be of plain files within the folder."""
         self._cameras = {camera.name: camera for camera in manifest.cameras}
 
     @classmethod
@@ -84,10 +87,8 @@ class Session:
         manifest = read_struct(folder / MANIFEST, Manifest, SCHEMA_VERSION)
         check_references(folder / MANIFEST, manifest)
         session = cls(folder, manifest)
-        for image in manifest.images:
-            session.image_file(image)
-        for video in manifest.videos:
-            inside(folder, video.path)
+        paths = [*(image.path for image in manifest.images), *(video.path for video in manifest.videos)]
+        session._plain = check_inside(folder, paths)
         return session
 
     @cached_property
@@ -133,7 +134,10 @@ class Session:
         Raises BadInputError if its path is outside the session.
         """
         if record.path not in self._files:
-            self._files[record.path] = inside(self.folder, record.path)
+            is_checked = record.path in self._plain
+            self._files[record.path] = (
+                self.folder / record.path if is_checked else inside(self.folder, record.path)
+            )
         return self._files[record.path]
 
     def image_place(self, record: ImageRecord) -> tuple[Path, int]:

@@ -163,12 +163,14 @@ def test_a_table_has_lines_on_a_terminal_only(capfd: pytest.CaptureFixture[str])
     assert "─" not in piped
     ours, theirs = pty.openpty()
     command = [sys.executable, "-m", "capture_app.cli", "cameras"]
-    subprocess.run(command, stdout=theirs, stderr=subprocess.DEVNULL, check=True)
+    environment = {**os.environ, "TERM": "xterm-256color"}
+    subprocess.run(command, stdout=theirs, stderr=subprocess.DEVNULL, check=True, env=environment)
     os.close(theirs)
     seen = os.read(ours, 65536).decode()
     os.close(ours)
     assert "─" in seen
     assert "sim:phone-a" in seen
+    assert "\\x1b" not in seen, "colours are shown as text"
 
 
 @pytest.mark.parametrize("command", NAMES)

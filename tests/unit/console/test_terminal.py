@@ -15,6 +15,7 @@ from capture_app.common.errors import BadInputError, ExitCode
 from capture_app.common.text import ProgressStep
 from capture_app.console import terminal
 from capture_app.console.terminal import (
+    MAX_DRAWN,
     FiniteRange,
     Progress,
     json_option,
@@ -90,6 +91,14 @@ def test_a_table_in_a_file_is_plain_columns(capsys: pytest.CaptureFixture[str]) 
     assert capsys.readouterr().out == "name   drops\ncam00      7\na         10\ngone       –\n"
     print_line(table(("name", "what"), [("x" * 300, "y")]))
     assert len(capsys.readouterr().out.splitlines()) == 2, "not broken at any width"
+
+
+def test_a_long_table_is_lines_on_a_terminal_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sys.stdout.isatty", lambda: True)
+    rows = [(f"take{number}", "a\nb") for number in range(MAX_DRAWN)]
+    assert "─" in table(("name", "what"), rows)
+    lines = table(("name", "what"), [*rows, ("last", "")]).splitlines()
+    assert (lines[0], lines[1], len(lines)) == ("name     what", "take0    a\\nb", MAX_DRAWN + 2)
 
 
 def test_names_are_neither_markup_nor_control(capsys: pytest.CaptureFixture[str]) -> None:

@@ -6,6 +6,7 @@ import tomllib
 import click
 import pytest
 
+from benchmarks.__main__ import BENCHES
 from tests.command_lines import PROGRAMS, parse
 from tests.project import ROOT
 from tests.unit.documentation.pages import PAGES, blocks, inline_commands
@@ -14,8 +15,8 @@ MAKEFILE = (ROOT / "Makefile").read_text()
 TARGETS = set(re.findall(r"^([\w-]+):", MAKEFILE, re.MULTILINE))
 NAMED = {
     target: set(re.findall(rf"^{target.upper()}_([\w-]+) :=", MAKEFILE, re.MULTILINE))
-    for target in ("test", "bench", "pictures")
-}
+    for target in ("test", "pictures")
+} | {"bench": set(BENCHES)}
 """What KIND or NAME may say to `test`, `bench` and `pictures`."""
 EXTRAS = set(tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"])
 FOREIGN = {"caliscope", "pycolmap-cuda12"}

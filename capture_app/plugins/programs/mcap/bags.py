@@ -14,6 +14,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
@@ -266,7 +267,14 @@ def _messages(path: Path, kinds: Collection[str], topics: Sequence[str] = ()) ->
             return
         reader = load_optional("rosbags.highlevel", "ros", ROS_BAGS).AnyReader
         lz4 = load_optional("lz4.frame", "ros", ROS_BAGS)
-        # rosbags itself unpacks chunks of any size.
+        # rosbags itself unpacks chunks and messages of any size.
+        ros2 = load_optional("rosbags.rosbag2.reader", "ros", ROS_BAGS)
+        decompressor = ros2.zstd.ZstdDecompressor
+        ros2.zstd = SimpleNamespace(
+            open=ros2.zstd.open,
+            ZstdDecompressor=decompressor,
+            decompress=lambda message: _unpack(decompressor(), message),
+        )
         load_optional("rosbags.rosbag1.reader", "ros", ROS_BAGS).decompressors |= {
             "bz2": lambda chunk: _unpack(BZ2Decompressor(), chunk),
             "lz4": lambda chunk: _unpack(lz4.LZ4FrameDecompressor(), chunk),
@@ -319,9 +327,9 @@ def _unpacked(compression: bytes, rest: bytes) -> int:
 
 
 def _unpack(decompressor: Any, data: bytes) -> bytes:
-    """Unpack a chunk of a ROS 1 bag. Raises ValueError if it has more than _MAX_CHUNK bytes."""
+    """Unpack a ROS bag's chunk or message. Raises ValueError if it has more than _MAX_CHUNK bytes."""
     unpacked: bytes = decompressor.decompress(data, max_length=_MAX_CHUNK + 1)
-    within(len(unpacked), _MAX_CHUNK, "bytes in a chunk")
+    within(len(unpacked), _MAX_CHUNK, "bytes in a chunk or message")
     return unpacked
 
 

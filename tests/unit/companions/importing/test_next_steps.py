@@ -43,7 +43,6 @@ def test_who_has_no_calibration_is_shown_how_to_get_one() -> None:
     assert "--from PATH" in two[0]
     assert "--field-of-view DEG" in two[1]
     three = commands(Situation(cameras=3, instants=9, calibrated=False, aligned=True, comparable=True))
-    assert three[1] == "reconstruct calibrate {folder}"
-    assert len(three) == 3
+    assert [command.split(" {folder}")[1] for command in three] == [" --from PATH", " --out {name}.jpg"]
     ready = commands(Situation(cameras=3, instants=9, calibrated=True, aligned=True, comparable=True))
     assert ready == ["reconstruct compare {folder} --out {name}-compare"]

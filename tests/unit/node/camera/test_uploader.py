@@ -73,6 +73,24 @@ async def test_what_was_not_acknowledged_is_sent_again_and_developed_once() -> N
     assert streams == 3
 
 
+async def test_a_path_that_takes_short_messages_only_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As one that drops large packets: all is ready there, and neither report nor image ever arrives."""
+    monkeypatch.setattr("capture_app.node.camera.uploader.UPLOAD_ANSWER_TIMEOUT_S", 0.2)
+    lost = asyncio.Event()
+    said: list[str] = []
+
+    async def serve(channel: Channel[ToLeader]) -> None:
+        async for _ in images(channel):
+            await lost.wait()
+
+    async with uploading(serve, said) as uploader:
+        uploader.add_burst(burst_upload(Picture(b"0")))
+        await until(lambda: said)
+        lost.set()
+    assert "does not answer" in said[0]
+    assert "mtu 1280" in said[0]
+
+
 async def test_a_frame_that_cannot_be_developed_is_reported_missing() -> None:
     reports: list[CameraReport] = []
     done = asyncio.Event()

@@ -170,6 +170,21 @@ def test_stamps_and_arrival_of_a_strangers_bag(
     assert np.abs(found.astype(int) - picture("left", 1)).max() < 12
 
 
+def test_a_compressed_message_that_unpacks_to_far_more_than_a_picture_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    kind = "sensor_msgs/msg/Image"
+    writer = rosbag2.Writer(tmp_path / "drive", version=8)
+    writer.set_compression(rosbag2.CompressionMode.MESSAGE, rosbag2.CompressionFormat.ZSTD)
+    with writer:
+        topic = writer.add_connection("/cam/image_raw", kind, typestore=store)
+        writer.write(topic, 1, bytes(5000))
+    monkeypatch.setattr("capture_app.plugins.programs.mcap.bags._MAX_CHUNK", 4000)
+    call = ["sessions", "import", str(tmp_path / "drive"), "--out", str(tmp_path / "out")]
+    assert run(call) == ExitCode.BAD_INPUT
+    assert "4,000 at most are read" in capsys.readouterr().err
+
+
 def test_what_is_no_bag_of_pictures_is_said(tmp_path: Path) -> None:
     stored = rosbag2.StoragePlugin.MCAP
     with rosbag2.Writer(tmp_path / "words", version=9, storage_plugin=stored) as writer:

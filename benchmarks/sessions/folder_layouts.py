@@ -50,7 +50,8 @@ from capture_app.session.reading.reader import Session
 
 RIGHT = ("right", "question")
 VERDICTS = (
-    *RIGHT, "refused", "false pair", "misled", "lost pairs", "cameras", "takes", "incomplete", "names", "traceback"
+    *RIGHT, "refused", "false pair", "misled", "lost pairs", "cameras", "takes",
+    "incomplete", "names", "traceback",
 )  # fmt: skip
 MAX_ANSWERS = 2
 """Number of questions that an owner answers."""
@@ -105,7 +106,7 @@ def main() -> None:
         parser.error(f"no kind has {words!r} in its name; there are: {', '.join(KINDS)}")
     outcomes = []
     for number, folder in enumerate(draw_folders(options.seed, options.folders, kinds)):
-        outcomes.append(_import(folder))
+        outcomes.append(import_folder(folder))
         if number % 50 == 49:
             talk(f"{number + 1} of {options.folders} folders")
     report = _summarize(outcomes, show_all=options.show is not None)
@@ -163,7 +164,7 @@ def _print(report: dict[str, Any]) -> None:
     print(f"\nright, or a question with the right option: {report['right']} of {report['folders']}")
 
 
-def _import(folder: Folder) -> Outcome:
+def import_folder(folder: Folder) -> Outcome:
     """Import a folder as its owner would, answering what is asked, and judge what was stored."""
     with tempfile.TemporaryDirectory() as temporary:
         where = Path(temporary)

@@ -545,7 +545,11 @@ def _(rng: Random) -> Folder:
     }
     pictures = _grid(len(names), count, lambda c, i: f"{root}{names[c]}/data/{i:010d}.png")
     return Folder(
-        _own(names), tuple(pictures), texts=texts, answers=_NUMBERED, right="times of each timestamps.txt"
+        _own(names),
+        tuple(pictures),
+        texts=texts,
+        answers={"timestamps": ""},
+        right="times of each timestamps.txt",
     )
 
 
@@ -560,7 +564,7 @@ def _(rng: Random) -> Folder:
         _own(names),
         tuple(pictures),
         texts=texts,
-        answers=_NUMBERED,
+        answers={"timestamps": ""},
         right="times.txt has both cameras' times",
     )
 
@@ -1092,6 +1096,119 @@ def _(rng: Random) -> Folder:
     )
 
 
+# Public data sets: names of several words and numbers, of which one is the camera.
+
+
+def _data_set(
+    form: str, names: Sequence[str], takes: Sequence[str] = ("",), *, unclear: bool = False
+) -> Folder:
+    return Folder(
+        _own(names),
+        films=_films(names, takes, lambda t, c: form.format(t=t, c=c)),
+        answers=_SYNCHRONIZED,
+        unclear=unclear,
+        right=f"cameras {', '.join(names)}" + (f"; takes {', '.join(takes)}" if takes[0] else ""),
+    )
+
+
+@_kind("AIST++", "https://aistdancedb.ongaaccel.jp/data_formats/")
+def _(rng: Random) -> Folder:
+    takes = rng.choice((("ch01",), ("ch01", "ch02")))
+    # Two words count: without knowing the data set, either may be the camera.
+    form = "gBR_sBM_{c}_d04_mBR0_{t}.mp4"
+    return _data_set(form, ["c01", "c02", "c03"], takes, unclear=len(takes) > 1)
+
+
+@_kind("NTU RGB+D", "https://rose1.ntu.edu.sg/dataset/actionRecognition/")
+def _(rng: Random) -> Folder:
+    takes = rng.choice((("A001",), ("A001", "A002")))
+    form = "S001{c}P001R001{t}_rgb.avi"
+    return _data_set(form, ["C001", "C002", "C003"], takes, unclear=len(takes) > 1)
+
+
+@_kind("HumanEva", "http://humaneva.is.tue.mpg.de/")
+def _(rng: Random) -> Folder:
+    takes = rng.choice((("Walking_1",), ("Walking_1", "Jog_1")))
+    return _data_set("S1/Image_Data/{t}_({c}).avi", ["C1", "C2", "C3"], takes)
+
+
+@_kind("EPFL and TotalCapture", "https://www.epfl.ch/labs/cvlab/data/data-pom-index-php/")
+def _(rng: Random) -> Folder:
+    return rng.choice(
+        (
+            _data_set("{t}-{c}.avi", ["c0", "c1", "c2", "c3"], ("terrace1",)),
+            _data_set("{t}-{c}.avi", ["c0", "c1", "c2", "c3"], ("terrace1", "terrace2")),
+            _data_set("TC_S1_{t}_{c}.mp4", ["cam1", "cam2", "cam3"], ("acting1", "walking2")),
+        )
+    )
+
+
+@_kind("MPI-INF-3DHP", "https://vcai.mpi-inf.mpg.de/3dhp-dataset/")
+def _(rng: Random) -> Folder:
+    root = rng.choice(("", "S1/Seq1/"))
+    names = [f"video_{c}" for c in range(4)]
+    return _data_set(root + "imageSequence/{c}.avi", names)
+
+
+@_kind("cinema cameras", "https://www.arri.com: A001C003_240615_R1AB.mov")
+def _(rng: Random) -> Folder:
+    takes = rng.choice((("C001",), ("C001", "C002")))
+    form = rng.choice(
+        ("{c}001{t}_240615_R1AB.mov", "{c}001_06150930_{t}.mov", "{c}CAM/{c}001{t}_240615_R1AB.mov")
+    )
+    return _data_set(form, ["A", "B"], takes)
+
+
+@_kind("GoPro 3D rig", "https://toddmricker.com/gopro-file-naming-convention/")
+def _(rng: Random) -> Folder:
+    names, numbers = ["L", "R"], [f"{n:04d}" for n in range(2, 2 + rng.choice((1, 2)))]
+    if rng.random() < 0.5:
+        return _data_set("3D_{c}{t}.mp4", names, numbers)
+    return Folder(
+        _own(names),
+        tuple(_grid(2, len(numbers), lambda c, i: f"3D_{names[c]}{numbers[i]}.jpg")),
+        answers=_NUMBERED,
+        right="cameras L and R",
+    )
+
+
+@_kind("WILDTRACK", "https://www.epfl.ch/labs/cvlab/data/data-wildtrack/")
+def _(rng: Random) -> Folder:
+    names, count = [f"C{c + 1}" for c in range(rng.choice((3, 7)))], rng.choice((3, 8))
+    pictures = _grid(len(names), count, lambda c, i: f"Image_subsets/{names[c]}/{5 * i:08d}.png")
+    return Folder(_own(names), _lose(rng, pictures), answers=_NUMBERED, right="equal numbers are one instant")
+
+
+@_kind("Campus and Shelf", "http://campar.in.tum.de/Chair/MultiHumanPose")
+def _(rng: Random) -> Folder:
+    names, count = ["Camera0", "Camera1", "Camera2"], rng.choice((3, 8))
+    form = rng.choice(("{c}/campus4-c{k}-{n:05d}.png", "{c}/img_{n:06d}.png"))
+    pictures = _grid(3, count, lambda c, i: form.format(c=names[c], k=c, n=i))
+    return Folder(_own(names), _lose(rng, pictures), answers=_NUMBERED, right="equal numbers are one instant")
+
+
+@_kind("nuScenes and Argoverse", "https://www.nuscenes.org/nuscenes#data-format")
+def _(rng: Random) -> Folder:
+    if rng.random() < 0.5:
+        names = ["CAM_FRONT", "CAM_FRONT_LEFT", "CAM_BACK"]
+        form, unit, every = "samples/{c}/n015-2018-07-24-11-22-45+0800__{c}__{t}.jpg", 10**3, 500
+    else:
+        names = ["ring_front_center", "ring_front_left", "ring_rear_right"]
+        form, unit, every = rng.choice(("{c}/{c}_{t}.jpg", "sensors/cameras/{c}/{t}.jpg")), 1, 50
+    count = rng.choice((3, 8))
+
+    def path(c: int, i: int) -> str:
+        at_ns = 1532402927_612_460_000 + (every * i + 8 * c) * 10**6
+        return form.format(c=names[c], t=at_ns // unit)
+
+    return Folder(
+        _own(names),
+        tuple(_grid(3, count, path)),
+        answers={"times": "name"},
+        right="the names end in times, 8 ms apart from camera to camera",
+    )
+
+
 # Traps: a refusal or a question is right.
 
 
@@ -1105,9 +1222,12 @@ def _(rng: Random) -> Folder:
             "out{:04d}.png",
             "GOPR{:04d}.JPG",
             "scan/DSC_{:04d}.jpg",
+            "left_{:04d}.jpg",
+            "cam1/{:06d}.png",
+            "IMG_20240615_0930{:02d}.jpg",
         )
     )
-    count, first = rng.choice((2, 8, 30)), rng.choice((0, 1, 123))
+    count, first = rng.choice((2, 8, 30)), rng.choice((0, 1, 23))
     pictures = tuple(Picture(form.format(first + i), Shot(0, i)) for i in range(count))
     return Folder((("camera",),), pictures, is_one_camera=True, right="one camera walked around: no pairs")
 

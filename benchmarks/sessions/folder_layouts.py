@@ -8,6 +8,7 @@ right        stored as it is, with no option
 question     stored as it is after an option that the import named, or a doubt that nothing in it can remove
 refused      nothing stored, and no option named that stores it
 false pair   frames of different instants stored as one, with no doubt said
+misled       as false pair, but only after a true answer to a question about another reading of the folder
 lost pairs   as false pair, but with doubt, although the folder is clear
 cameras      one camera as two, two as one, or a picture of none
 takes        two takes as one, or a board's film as a take
@@ -24,7 +25,7 @@ import tempfile
 import unicodedata
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from contextlib import redirect_stderr, redirect_stdout
+from contextlib import redirect_stderr, redirect_stdout, suppress
 from dataclasses import dataclass
 from itertools import takewhile
 from pathlib import Path
@@ -49,13 +50,33 @@ from capture_app.session.reading.reader import Session
 
 RIGHT = ("right", "question")
 VERDICTS = (
-    *RIGHT, "refused", "false pair", "lost pairs", "cameras", "takes", "incomplete", "names", "traceback"
+    *RIGHT, "refused", "false pair", "misled", "lost pairs", "cameras", "takes",
+    "incomplete", "names", "traceback",
 )  # fmt: skip
 MAX_ANSWERS = 2
 """Number of questions that an owner answers."""
 LISTED = 16
 """Number of a failed folder's files, and of a command's lines, that are printed."""
-_OPTION = re.compile(r"--(timestamps|times|fps|synchronized|recording)\b(?:[ =]([^\s,;:()]+))?")
+MAX_READINGS = 6
+"""Number of readings that an owner tries."""
+SOURCE = "footage"
+_OPTION = re.compile(r"--([a-z][a-z-]*)\b(?:[ =]('[^']*'|\"[^\"]*\"|[^\s,;:()`]+))?")
+_NO_READINGS = frozenset(
+    (
+        "timestamps",
+        "times",
+        "fps",
+        "synchronized",
+        "align",
+        "calibration",
+        "unit",
+        "fit",
+        "name",
+        "out",
+        "apply",
+    )
+)
+"""Options whose value an import cannot offer as a reading of the folder; `_answer` gives some of them."""
 
 
 @dataclass(frozen=True)
@@ -85,7 +106,7 @@ def main() -> None:
         parser.error(f"no kind has {words!r} in its name; there are: {', '.join(KINDS)}")
     outcomes = []
     for number, folder in enumerate(draw_folders(options.seed, options.folders, kinds)):
-        outcomes.append(_import(folder))
+        outcomes.append(import_folder(folder))
         if number % 50 == 49:
             talk(f"{number + 1} of {options.folders} folders")
     report = _summarize(outcomes, show_all=options.show is not None)
@@ -143,34 +164,55 @@ def _print(report: dict[str, Any]) -> None:
     print(f"\nright, or a question with the right option: {report['right']} of {report['folders']}")
 
 
-def _import(folder: Folder) -> Outcome:
+def import_folder(folder: Folder) -> Outcome:
     """Import a folder as its owner would, answering what is asked, and judge what was stored."""
     with tempfile.TemporaryDirectory() as temporary:
-        root = Path(temporary) / "footage"
-        write_folder(folder, root)
-        options: list[str] = []
-        commands, said = [], []
-        verdict, detail = "", ""
-        for attempt in range(MAX_ANSWERS + 1):
-            out = Path(temporary) / f"out{attempt}"
-            code, text = _run(["sessions", "import", str(root), *options, "--out", str(out)], Path(temporary))
-            sessions = [Session.open(one.folder) for one in list_sessions(out)] if out.is_dir() else []
-            commands.append(" ".join(["sessions import footage", *options]).replace(f"{temporary}/", ""))
-            said.append(f"[{code}] " + text.replace(f"{temporary}/", ""))
-            if code is None:
-                verdict, detail = "traceback", text.splitlines()[-1]
-                break
-            verdict, detail = judge(folder, sessions)
-            if verdict in {"false pair", "right"} and all(_is_sure(one) for one in sessions):
-                break
-            answer = _answer(folder, text)
-            if not answer or answer[0] in options:
-                break
-            options += answer
-    if len(commands) > 1:
-        verdict = "question" if verdict == "right" else verdict
-        detail = detail and f"after the answer: {detail}"
-    return Outcome(folder, verdict, detail, tuple(commands), tuple(said))
+        where = Path(temporary)
+        write_folder(folder, where / SOURCE)
+        trials = [_try(folder, [SOURCE], where / "out0")]
+        while len(trials) <= MAX_ANSWERS and trials[-1].is_open and (answer := _answer(folder, trials[-1])):
+            trials.append(_try(folder, [*trials[-1].arguments, *answer], where / f"out{len(trials)}"))
+        last = trials[-1]
+        if last.verdict not in RIGHT:
+            # An owner knows his folder: of the readings that are offered to him, he takes the right one.
+            for number, arguments in enumerate(_readings(trials[0].text)):
+                reading = _try(folder, arguments, where / f"reading{number}")
+                if reading.verdict in RIGHT:
+                    trials, last = [trials[0], reading], reading
+                    break
+        verdict, detail = last.verdict, last.detail
+        if len(trials) > 1:
+            # Who answers for a folder that nobody can read has seen the reading that was asked about.
+            misled = "question" if folder.unclear else "misled"
+            verdict = {"right": "question", "false pair": misled}.get(verdict, verdict)
+            detail = detail and f"after the answer: {detail}"
+        commands = tuple(shlex.join(["sessions", "import", *one.arguments]) for one in trials)
+        return Outcome(folder, verdict, detail, commands, tuple(f"[{one.code}] {one.text}" for one in trials))
+
+
+@dataclass(frozen=True)
+class _Trial:
+    """One command: its arguments, what it printed, and the verdict about what it stored."""
+
+    arguments: tuple[str, ...]
+    code: int | None
+    text: str
+    verdict: str
+    detail: str
+    is_open: bool
+    """Whether the result leaves a doubt or a fault that an answer may remove."""
+
+
+def _try(folder: Folder, arguments: Sequence[str], out: Path) -> _Trial:
+    code, text = _run(["sessions", "import", *arguments, "--out", str(out)], out.parent)
+    text = text.replace(f"{out.parent}/", "")
+    if code is None:
+        return _Trial(tuple(arguments), code, text, "traceback", text.splitlines()[-1], is_open=False)
+    sessions = [Session.open(one.folder) for one in list_sessions(out)] if out.is_dir() else []
+    verdict, detail = judge(folder, sessions)
+    sure = bool(sessions) and all(_is_sure(one) for one in sessions)
+    is_open = verdict != "false pair" and not (verdict == "right" and sure)
+    return _Trial(tuple(arguments), code, text, verdict, detail, is_open)
 
 
 def _run(arguments: Sequence[str], where: Path) -> tuple[int | None, str]:
@@ -190,23 +232,35 @@ def _run(arguments: Sequence[str], where: Path) -> tuple[int | None, str]:
     return (None if "Traceback (most recent" in text else code), text
 
 
-def _answer(folder: Folder, text: str) -> list[str]:
+def _answer(folder: Folder, trial: _Trial) -> list[str]:
     """Return an option that the import named and that is true of the folder, with its value."""
-    asked = "\n".join(line for line in text.splitlines() if not line.startswith("next:"))
-    offered = [(match[1], match[2] or "") for match in _OPTION.finditer(asked)]
+    asked = "\n".join(line for line in trial.text.splitlines() if not line.startswith("next:"))
+    offered = [(match[1], _unquoted(match[2])) for match in _OPTION.finditer(asked)]
     for name in ("timestamps", "times", "synchronized", "fps"):
-        if name not in folder.answers or name not in (option for option, _ in offered):
+        values = [value for option, value in offered if option == name]
+        if name not in folder.answers or not values or f"--{name}" in trial.arguments:
             continue
-        values = [value.rstrip(".") for option, value in offered if option == name]
         if name == "timestamps":
-            named = [value for value in values if value.lower().endswith((".csv", ".txt"))]
-            if named:
-                return [
-                    word for value in dict.fromkeys(named) for word in ("--timestamps", shlex.split(value)[0])
-                ]
+            tables = [value for value in values if value.lower().endswith((".csv", ".txt"))]
+            if tables:
+                return [word for table in dict.fromkeys(tables) for word in ("--timestamps", table)]
         elif name != "times" or folder.answers[name] in values:
             return [f"--{name}"] + ([folder.answers[name]] if folder.answers[name] else [])
     return []
+
+
+def _readings(text: str) -> list[list[str]]:
+    """Return the arguments of each reading of the folder that the import offered: an option or a command."""
+    readings = [[SOURCE, f"--{match[1]}", _unquoted(match[2])] for match in _OPTION.finditer(text)]
+    readings = [one for one in readings if one[2] and one[1][2:] not in _NO_READINGS]
+    for command in re.findall(r"capture-app sessions import ([^\n;)`]+)", text):
+        with suppress(ValueError):  # a quote in a sentence around it
+            readings.append(shlex.split(command.replace("RATE", "30").replace("FPS", "30")))
+    return readings[:MAX_READINGS]
+
+
+def _unquoted(value: str | None) -> str:
+    return (value or "").strip("'\"").rstrip(".")
 
 
 def _is_sure(session: Session) -> bool:
@@ -255,7 +309,7 @@ def _faults(folder: Folder, session: Session) -> Iterable[tuple[str, str]]:
         of_camera.setdefault(camera, set()).add(shot)
     sure = _is_sure(session)
     for instant, images in of_instant.items():
-        moments = {(shot.take, shot.instant) if shot else None for shot in images.values()}
+        moments = {(shot.take, shot.instant) for shot in images.values() if shot}
         if len(moments) > 1:
             pairs = ", ".join(f"{camera} {_word(shot)}" for camera, shot in images.items())
             yield ("false pair" if sure else "lost pairs"), f"{session.name}, instant {instant}: {pairs}"

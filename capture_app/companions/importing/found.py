@@ -14,6 +14,7 @@ from capture_app.companions.importing.clips import find_shoots
 from capture_app.companions.importing.times.tables import find_tables
 from capture_app.session.importing.importer import (
     CALIBRATION,
+    MAX_NAMED,
     CameraFiles,
     camera_importer,
     load_importers,
@@ -52,8 +53,6 @@ UNREAD = (
     ("poses_bounds.npy", "of LLFF (poses and bounds)"),
 )
 """Names of calibrations that no importer reads, and whose they are by their pages."""
-MAX_NAMED = 8
-"""Number of files and folders that are named one by one."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -47,6 +47,8 @@ UNREAD = {
     ".db3": "a bag of ROS 2 needs its metadata.yaml: ros2 bag reindex {folder}",
 }
 """What to do with files, by their suffix, where a folder has nothing that is read."""
+MAX_NAMED = 8
+"""Number of files, folders and cameras that are named one by one."""
 _ONE_AT_A_TIME = "capture-app sessions import makes a session of each"
 
 
@@ -159,7 +161,7 @@ def open_cameras(
 
 def _matching(path: Path) -> tuple[Path, list[Path]]:
     """Return the folder and the files of a path with `*` in it; of any other path, itself and no files."""
-    first = next((n for n, part in enumerate(path.parts) if "*" in part), 0)
+    first = 0 if path.exists() else next((n for n, part in enumerate(path.parts) if "*" in part), 0)
     place = Path(*path.parts[:first]) if first else path
     found = place.glob("/".join(path.parts[first:])) if first else ()
     return place, sorted(found, key=lambda file: natural_order(str(file)))
@@ -303,7 +305,9 @@ def _command(cameras: Mapping[str, Sequence[Path]]) -> str:
         begin = _common_begin([str(file) for file in files])
         end = _common_begin([str(file)[len(begin) :][::-1] for file in files])[::-1]
         given.append(f"{label_of(name)}={begin}{'*' * (len(files) > 1)}{end}")
-    return f"capture-app sessions import {command_line(*given[:2])}{' ...' * (len(given) > 2)}"
+    return (
+        f"capture-app sessions import {command_line(*given[:MAX_NAMED])}{' ...' * (len(given) > MAX_NAMED)}"
+    )
 
 
 def _common_begin(texts: Sequence[str]) -> str:

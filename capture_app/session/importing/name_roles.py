@@ -15,9 +15,9 @@ from unicodedata import normalize
 
 _DEVICE = (
     r"cam|kamera|cámara|caméra|камера|カメラ|相机|相機|كاميرا|view|angle|"
-    r"gopro|phone|pixel|ipad|galaxy|canon|sony|^(c|ch|pi)$"
+    r"gopro|phone|pixel|ipad|galaxy|canon|sony|^(c|ch|pi)\d{0,2}$"
 )
-"""Words before the number of a camera."""
+"""Words before the number of a camera; C001 is a clip of a cinema camera."""
 CAMERA = re.compile(f"{_DEVICE}|left|right|front|back|side|top", re.IGNORECASE)
 """Words in the names of cameras."""
 TAKE = re.compile(
@@ -252,7 +252,7 @@ def _evidence(camera: Row, *, serials: bool, still: bool) -> int:
     with leading zeros.
     """
     texts, labels = ({getattr(piece, of) for piece in camera} for of in ("text", "label"))
-    words = texts if labels == {""} else labels if len(labels) == 1 else set[str]()
+    words = {piece.label + piece.text for piece in camera} if len(labels) == 1 else set[str]()
     number = all(map(str.isdecimal, texts))
     serial = serials and all(map(_SERIAL.fullmatch, texts))
     score = 2 * camera[0].is_folder + 2 * (not any(map(_DIGIT.search, texts)))

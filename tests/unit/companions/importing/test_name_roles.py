@@ -101,6 +101,14 @@ QUESTIONS: dict[str, Sequence[str]] = {
     "two actions": [f"{t}_{n}" for t, n in product(("walk", "run"), FIVE)],
 }
 VIDEOS: dict[str, tuple[Sequence[str], str]] = {
+    "reels and clips of cinema cameras": (
+        [f"{c}001C{n:03}_240615_R1AB" for c, n in product("AB", (1, 2))],
+        "A, B; take = C001, C002; one instant",
+    ),
+    "cameras of few digits": (
+        [f"c{c}_{a}" for c, a in product((0, 1), "xyz")],
+        "c0, c1; take = x, y, z; one instant",
+    ),
     "takes that have a number or none": (
         [f"{a}.{c}" for a, c in product(("Eating 1", "Eating"), (54138969, 55011271, 58860488))],
         "54138969, 55011271, 58860488; take = Eating 1, Eating; one instant",

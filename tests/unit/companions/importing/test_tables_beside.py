@@ -162,3 +162,29 @@ def test_rows_of_pictures_that_count_from_another_number_are_not_guessed(
     assert common(session).state == "given"
     with pytest.raises(BadInputError, match="have no times"):
         imported(tmp_path / "recording")
+
+
+@pytest.mark.parametrize("count", [4, 3])
+def test_one_table_of_kittis_odometry_is_of_all_cameras(
+    tmp_path: Path, make_images: object, count: int
+) -> None:
+    for camera in ("image_0", "image_1"):
+        make_images(camera, [f"{n:06}.png" for n in range(4)])  # type: ignore[operator]
+    times = [f"{0.1036 * n:.6e}" for n in range(count)]
+    (tmp_path / "recording" / "times.txt").write_text("\n".join(times))
+    if count < 4:
+        with pytest.raises(BadInputError, match="have no times"):
+            imported(tmp_path / "recording")
+        return
+    session, said = imported(tmp_path / "recording")
+    assert common(session).state == "recorded"
+    assert "times: times.txt, 4 of 4 frames" in said
+    assert session.manifest.burst.instants_ns[-1] == round(3 * 103.6e6)
+
+
+def test_a_cameras_own_table_is_not_of_all_cameras(tmp_path: Path, make_images: object) -> None:
+    for camera in ("image_0", "image_1"):
+        make_images(camera, [f"{n:06}.png" for n in range(4)])  # type: ignore[operator]
+    (tmp_path / "recording" / "image_0" / "times.txt").write_text("\n".join(f"0.{n}" for n in range(4)))
+    with pytest.raises(BadInputError, match="have no times"):
+        imported(tmp_path / "recording")

@@ -6,11 +6,10 @@ folder is one camera, unless clips in one of them overlap in time or its name sa
 """
 
 import re
-from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from datetime import datetime, timedelta
-from itertools import combinations, zip_longest
+from datetime import timedelta
+from itertools import chain, combinations, pairwise
 from pathlib import Path
 from statistics import median
 
@@ -18,7 +17,14 @@ from capture_app.common.errors import BadInputError, NotAvailableError
 from capture_app.common.names import label_of, natural_order
 from capture_app.common.text import count
 from capture_app.session.alignment.alignment_method import alignment_methods
-from capture_app.session.importing.recording_sources import CAMERA, folders_below, videos_in
+from capture_app.session.importing.importer import CALIBRATION
+from capture_app.session.importing.name_roles import CAMERA, TAKE, choose, parse_names, take_names
+from capture_app.session.importing.recording_sources import (
+    clip_span,
+    folders_below,
+    later_chapters,
+    videos_in,
+)
 from capture_app.session.importing.video_tracks import open_container
 
 _SLACK_S = 2.0
@@ -36,39 +42,20 @@ class Clip:
     seconds: float
     began_s: float | None
 
-    def together(self, other: "Clip") -> bool:
-        """Return whether both were recorded at the same time, by their dates."""
+    def overlaps(self, other: "Clip") -> bool:
+        """Return whether both were recorded at the same time by their dates, which are whole seconds.
+
+        A clip that begins where another ends is a later one.
+        """
         if self.began_s is None or other.began_s is None:
             return False
-        apart_s = other.began_s - self.began_s
-        return apart_s <= self.seconds + _SLACK_S if apart_s >= 0 else -apart_s <= other.seconds + _SLACK_S
+        first, second = sorted((self, other), key=lambda clip: clip.began_s or 0.0)
+        return (second.began_s or 0.0) - (first.began_s or 0.0) <= max(first.seconds - _SLACK_S, _SLACK_S)
 
 
-Key = tuple[str, ...]
 Pairs = tuple[tuple[Clip, Clip], ...]
 Heard = Callable[[Path, Path], bool]
 """Returns whether two videos recorded the same sound."""
-
-
-def take_keys(cameras: Mapping[str, Sequence[Clip]]) -> dict[Clip, Key]:
-    """Return the words of each clip's name with its camera's own one blanked: equal for clips of one take.
-
-    A camera's own word is its label, or a word that all of its clips have and no other camera's. Where two
-    clips of a camera have the same words, the types of file tell clips apart.
-    """
-    words = {clip: _words(clip) for clips in cameras.values() for clip in clips}
-    keys: dict[Clip, Key] = {}
-    for name, clips in cameras.items():
-        others = {word for clip, of in words.items() if clip not in clips for word in of}
-        common = set.intersection(*(set(words[clip]) for clip in clips))
-        learned = {word for word in common - others if not (word.isdecimal() or _COUNTER.fullmatch(word))}
-        own = common & {name.casefold()} or learned
-        for clip in clips:
-            key = tuple("" if word in own else word for word in words[clip])
-            # Without its learned word, a name must still say which take it is.
-            keys[clip] = key if any(key) or name.casefold() in own else words[clip]
-    twice = {key for clips in cameras.values() for key, n in Counter(keys[c] for c in clips).items() if n > 1}
-    return {clip: (*key, clip.path.suffix.casefold()) if key in twice else key for clip, key in keys.items()}
 
 
 def is_counted(clip: Clip) -> bool:
@@ -76,23 +63,18 @@ def is_counted(clip: Clip) -> bool:
     return _COUNTER.fullmatch(clip.path.stem) is not None
 
 
-def _words(clip: Clip) -> Key:
-    return tuple(re.split(r"[\s_\-.]+", clip.path.stem.casefold()))
-
-
 def pair_clips(
     names: tuple[str, str],
     first: Sequence[Clip],
     clips: Sequence[Clip],
     heard: Heard,
-    keys: Mapping[Clip, Key] | None = None,
+    takes: Mapping[Path, str],
 ) -> tuple[Pairs, str]:
     """Return the clips of two cameras that belong together, and what this assumes; empty if nothing.
 
-    `names` are the cameras'. Clips of both are in the order of their names. `keys` are their `take_keys`.
+    `names` are the cameras'. Clips of both are in the order of their names. `takes` are their `take_names`.
     """
-    key = keys or take_keys({names[0]: first, names[1]: clips})
-    named = tuple((clip, other) for clip in first for other in clips if key[clip] == key[other])
+    named = tuple((clip, other) for clip in first for other in clips if takes[clip.path] == takes[other.path])
     counted = all(is_counted(clip) for clip, _ in named)
     if len(named) == min(len(first), len(clips)) and not counted:
         return named, ""
@@ -151,14 +133,12 @@ def _at_difference(first: Sequence[Clip], clips: Sequence[Clip], later_s: float)
     left = list(clips)
     for clip in first:
         at = replace(clip, began_s=(clip.began_s or 0.0) + later_s)
-        if (other := next(filter(at.together, left), None)) is not None:
+        if (other := next(filter(at.overlaps, left), None)) is not None:
             pairs.append((clip, other))
             left.remove(other)
     return tuple(pairs)
 
 
-_TAKE = re.compile(r"take|trial|run|scene|shot|day|session|try|attempt|walk|jump|20\d\d")
-CALIBRATION = re.compile(r"calib|intrinsic|extrinsic|board|checker|charuco", re.IGNORECASE)
 _PROXY = re.compile(r"(^|/)(SUB/|prox(y|ies)/|GL\d{6}\.|LRV_)|_proxy\.", re.IGNORECASE)
 """Paths of small copies that cameras and editors write: Sony, GoPro, Insta360, DaVinci Resolve."""
 _MAX_LENGTH_RATIO = 2.0
@@ -177,19 +157,15 @@ def find_shoots(folder: Path) -> tuple[list[Shoot], list[str]]:
     shoots: list[Shoot] = []
     notes: list[str] = []
     own = _usable(videos_in(folder), notes, folder)
-    inner = {path: clips for path in sorted(folder.iterdir()) if (clips := _clips_below(path, notes, folder))}
-    for path, clips in inner.items():
-        of_boards = [clip for clip in clips if CALIBRATION.search(str(clip.path.parent.relative_to(path)))]
-        if 0 < len(of_boards) < len(clips):
-            inner[path] = [clip for clip in clips if clip not in of_boards]
-            notes.append(
-                f"left out {path.name}: {count(len(of_boards), 'clip')} that look like calibration; "
-                "reconstruct calibrate takes them"
-            )
-    boards = [path for path in inner if CALIBRATION.search(path.name)]
-    for path in boards if len(inner) > len(boards) or own else ():
-        notes.append(f"left out {path.name}: looks like calibration; reconstruct calibrate takes it")
-        del inner[path]
+    below = {path: clips for path in sorted(folder.iterdir()) if (clips := _clips_below(path, notes, folder))}
+    films = {path: [clip for clip in clips if not _of_board(clip, folder)] for path, clips in below.items()}
+    inner = {path: clips for path, clips in films.items() if clips} if own or any(films.values()) else below
+    notes += [
+        f"left out {path.name}: {count(boards, 'clip')} that look like calibration; "
+        "reconstruct calibrate takes them"
+        for path, clips in below.items()
+        if (boards := len(clips) - len(inner.get(path, ())))
+    ]
     if len(inner) == 1 and not own:
         # Unreadable files there were reported already, when its clips were searched.
         shoots, deeper = find_shoots(next(iter(inner)))
@@ -203,6 +179,10 @@ def find_shoots(folder: Path) -> tuple[list[Shoot], list[str]]:
         notes += [f"left out {clip.path.name}: beside the cameras' folders" for clip in own]
         shoots = _of_folders(inner, notes)
     return shoots, notes
+
+
+def _of_board(clip: Clip, root: Path) -> bool:
+    return CALIBRATION.search(str(clip.path.parent.relative_to(root))) is not None
 
 
 def _usable(paths: Sequence[Path], notes: list[str], root: Path) -> list[Clip]:
@@ -222,19 +202,8 @@ def _read(path: Path) -> Clip:
     with open_container(path) as (_, container):
         if not container.streams.video or next(container.decode(video=0), None) is None:
             raise BadInputError("it has no pictures")
-        stream = container.streams.video[0]
-        seconds = float(stream.duration * stream.time_base) if stream.duration else 0.0
-        dates = [_date_s(holder.metadata.get("creation_time", "")) for holder in (container, stream)]
-    # Zero in QuickTime's dates, 1904, means that there is no date.
-    return Clip(path, seconds, next((date_s for date_s in dates if date_s > 0), None))
-
-
-def _date_s(text: str) -> float:
-    """Parse a date to seconds since 1970; 0 if it is missing or in a format that no camera writes."""
-    try:
-        return datetime.fromisoformat(text).timestamp()
-    except ValueError:
-        return 0.0
+    spans = [clip_span(part) for part in (path, *later_chapters(path))]
+    return Clip(path, sum(seconds for _, seconds in spans), spans[0][0])
 
 
 def _clips_below(folder: Path, notes: list[str], root: Path) -> list[Clip]:
@@ -244,21 +213,32 @@ def _clips_below(folder: Path, notes: list[str], root: Path) -> list[Clip]:
 def _of_one_folder(clips: list[Clip], notes: list[str]) -> list[Shoot]:
     """Group the clips of one folder into takes, and add to `notes` why a clip was left out.
 
-    Group them by recording time if that gives several takes, otherwise by names such as cam1_take2. If
+    Group them by names such as cam1_take2, otherwise by recording time if that gives several takes. If
     neither works, all clips are one take.
     """
+    if shoots := _by_names(clips, clips[0].path.parent, notes):
+        return shoots
     groups = _by_date(clips)
     several = [group for group in groups if len(group) > 1]
-    dated = all(clip.began_s is not None for clip in clips)
-    if several and len(several) < len(groups) and dated and (cameras := _by_counters(clips)):
-        return _of_cameras(cameras, notes)
-    if len(several) > 1 and dated:
+    if len(several) > 1 and all(clip.began_s is not None for clip in clips):
         notes += [
             f"left out {clip.path.name}: by its date, nothing was taken with it"
             for clip, *others in groups
             if not others
         ]
         return [_shoot(f"{number}", group) for number, group in enumerate(several, 1)]
+    words = {re.sub(r"[\W_]*\d+", "", clip.path.stem) for clip in clips}
+    in_order = all((one.began_s or 0.0) < (other.began_s or 0.0) for one, other in pairwise(clips))
+    if (
+        len(clips) > 1 > len(several)
+        and in_order
+        and len(words) == 1
+        and all(map(is_counted, clips))
+        and clips[0].began_s
+    ):
+        notes.append("by their counters and dates, these clips are of one camera")
+        camera = label_of(words.pop())
+        return [(label_of(clip.path.stem), {camera: clip}) for clip in clips]
     if len(several) == 1:
         typical_s = median(clip.seconds for clip in several[0])
         for clip in (group[0] for group in groups if len(group) == 1):
@@ -266,74 +246,37 @@ def _of_one_folder(clips: list[Clip], notes: list[str]) -> list[Shoot]:
             if clip.began_s is not None and longer:
                 notes.append(f"left out {clip.path.name}: of another date and another length")
                 clips = [other for other in clips if other is not clip]
-    return _by_names(clips, notes) or [_shoot("", clips)]
+    return _by_names(clips, clips[0].path.parent, notes) or [_shoot("", clips)]
 
 
 def _by_date(clips: Sequence[Clip]) -> list[list[Clip]]:
     groups: list[list[Clip]] = []
     for clip in sorted(clips, key=lambda clip: clip.began_s or 0.0):
-        if groups and any(clip.together(other) for other in groups[-1]):
+        if groups and any(clip.overlaps(other) for other in groups[-1]):
             groups[-1].append(clip)
         else:
             groups.append([clip])
     return groups
 
 
-def _by_counters(clips: Sequence[Clip]) -> dict[str, list[Clip]]:
-    """Return the clips by the word before the number that their camera counts; none if it is one word."""
-    words = {clip: re.sub(r"[_\-. ]*\d+$", "", clip.path.stem) for clip in clips}
-    cameras = {label_of(word): [clip for clip in clips if words[clip] == word] for word in words.values()}
-    counted = all(clip.path.stem[-1].isdecimal() for clip in clips)
-    return cameras if counted and min(map(len, cameras.values())) > 1 < len(cameras) else {}
-
-
-def _by_names(clips: Sequence[Clip], notes: list[str]) -> list[Shoot]:
-    """Group clips whose two-part names form a grid of cameras and takes; none if they do not.
-
-    A grid with gaps must have one part that names takes, and one take of all cameras.
-    """
-    words = [tuple(re.split(r"[\s_\-.]+", clip.path.stem)) for clip in clips]
-    varying = [k for k, column in enumerate(zip_longest(*words)) if len(set(column)) > 1]
-    if len({len(own_words) for own_words in words}) != 1 or len(varying) != 2:
+def _by_names(clips: Sequence[Clip], root: Path, notes: list[str]) -> list[Shoot]:
+    """Group clips into takes of the cameras that their names tell, below a folder; none if they do not."""
+    parse = choose(parse_names([clip.path for clip in clips], root, stills=False))
+    if parse is None or len(parse.takes) < 2:
         return []
-    grid = {
-        (own_words[varying[0]], own_words[varying[1]]): clip
-        for own_words, clip in zip(words, clips, strict=True)
-    }
-    parts = [sorted({pair[k] for pair in grid}, key=natural_order) for k in (0, 1)]
-    named = [_take_words(part) for part in parts]
-    takes = 0 if named[0] > named[1] else 1
-    shoots: list[Shoot] = [
-        (
-            take,
-            {label_of(pair[1 - takes]): clip for pair, clip in grid.items() if pair[takes] == take},
-        )
-        for take in parts[takes]
-    ]
-    whole = any(len(shoot) == len(parts[1 - takes]) for _, shoot in shoots)
-    gaps = len(clips) < len(parts[0]) * len(parts[1])
-    if len(grid) < len(clips) or (gaps and (named[0] == named[1] or not whole)):
-        return []
-    notes += [
-        f"left out {clip.path.name}: nothing was taken with it"
-        for _, shoot in shoots
-        for clip in shoot.values()
-        if len(shoot) < 2 < len(clips)
-    ]
-    return [(take, shoot) for take, shoot in shoots if len(shoot) > 1] or shoots
-
-
-def _take_words(names: Iterable[str]) -> int:
-    """Return 1 if words are those of takes, -1 if of cameras, 0 if of neither."""
-    text = " ".join(names).lower()
-    return -1 if CAMERA.search(text) else int(_TAKE.search(text) is not None)
+    of = {clip.path: clip for clip in clips}
+    cameras = {label_of(name): [of[file] for file in files] for name, files in parse.cameras.items()}
+    return _of_cameras(cameras, notes)
 
 
 def _of_folders(inner: Mapping[Path, list[Clip]], notes: list[str]) -> list[Shoot]:
-    within = any(first.together(other) for clips in inner.values() for first, other in combinations(clips, 2))
-    of_clips = _take_words(clip.path.stem for clips in inner.values() for clip in clips)
-    of_folders = _take_words(path.name for path in inner)
-    named = of_folders > 0 or of_clips < of_folders == 0
+    """Group the clips of folders, each of which is a take or a camera."""
+    named = any(TAKE.search(path.name) for path in inner) and not any(
+        CAMERA.search(path.name) for path in inner
+    )
+    within = any(first.overlaps(other) for clips in inner.values() for first, other in combinations(clips, 2))
+    if shoots := _by_names([*chain.from_iterable(inner.values())], next(iter(inner)).parent, notes):
+        return shoots
     if within or (named and all(len(clips) > 1 for clips in inner.values())):
         return [_shoot(path.name, clips) for path, clips in inner.items()]
     cameras = {label_of(path.name): clips for path, clips in inner.items()}
@@ -345,26 +288,32 @@ def _of_folders(inner: Mapping[Path, list[Clip]], notes: list[str]) -> list[Shoo
 def _of_cameras(cameras: Mapping[str, Sequence[Clip]], notes: list[str]) -> list[Shoot]:
     """Group the clips of cameras into takes with the camera that has the most."""
     first = max(cameras, key=lambda name: len(cameras[name]))
-    keys = take_keys(cameras)
+    names = take_names({name: [clip.path for clip in clips] for name, clips in cameras.items()})
     takes = {clip: {first: clip} for clip in cameras[first]}
     for name, clips in cameras.items():
         if name != first:
-            pairs, note = pair_clips((first, name), cameras[first], clips, heard_together, keys)
+            pairs, note = pair_clips((first, name), cameras[first], clips, heard_together, names)
             for one, other in pairs:
                 takes[one][name] = other
             notes += filter(None, [note])
     paired = {clip for take in takes.values() if len(take) > 1 for clip in take.values()}
     # Takes that the camera with the most clips lacks.
-    rest: dict[Key, dict[str, Clip]] = {}
+    rest: dict[str, dict[str, Clip]] = {}
     for name, clips in cameras.items():
         for clip in clips:
             if clip not in paired and not is_counted(clip):
-                rest.setdefault(keys[clip], {})[name] = clip
+                rest.setdefault(names[clip.path], {})[name] = clip
     several = [take for take in (*takes.values(), *rest.values()) if len(take) > 1]
-    shoots: list[Shoot] = [
-        (f"{number}" if len(several) > 1 else "", {name: take[name] for name in cameras if name in take})
-        for number, take in enumerate(several, 1)
-    ]
+    shoots: list[Shoot] = []
+    for number, take in enumerate(several, 1):
+        called = {names[clip.path] for clip in take.values()}
+        own = label_of(called.pop()) if len(called) == 1 else ""
+        shoots.append(
+            (
+                own or f"{number}" if len(several) > 1 else "",
+                {name: take[name] for name in cameras if name in take},
+            )
+        )
     taken = {clip.path for _, shoot in shoots for clip in shoot.values()}
     left = [clip for clips in cameras.values() for clip in clips if clip.path not in taken]
     notes += [

@@ -10,20 +10,49 @@ from pathlib import Path
 from capture_app.common.errors import BadInputError
 from capture_app.common.names import label_key, natural_order
 from capture_app.common.text import count
-from capture_app.companions.importing.clips import CALIBRATION, find_shoots
+from capture_app.companions.importing.clips import find_shoots
 from capture_app.companions.importing.times.tables import find_tables
 from capture_app.session.importing.importer import (
+    CALIBRATION,
+    MAX_NAMED,
+    CameraFiles,
     camera_importer,
     load_importers,
+    open_cameras,
     open_sources,
     recognize_recording,
     recordings_in,
     split_name,
+    takes_in,
 )
-from capture_app.session.importing.recording_sources import VIDEO_SUFFIXES, Layout, Source, folders_below
+from capture_app.session.importing.recording_sources import (
+    VIDEO_SUFFIXES,
+    Images,
+    Layout,
+    Source,
+    folders_below,
+)
 
-MAX_NAMED = 8
-"""Number of files and folders that are named one by one."""
+_CALIBRATE = "write it as OpenCV's stereo.yml (M1 D1 M2 D2 R T), or calibrate the session"
+UNREAD = (
+    # https://projects.asl.ethz.ch/datasets/doku.php?id=kmavvisualinertialdatasets
+    ("sensor.yaml", "of EuRoC (intrinsics, T_BS)"),
+    # https://www.cvlibs.net/datasets/kitti/raw_data.php, devkit/readme.txt
+    ("calib_cam_to_cam.txt", "of KITTI raw (K, D, R, T)"),
+    # https://www.cvlibs.net/datasets/kitti/eval_odometry.php
+    ("calib.txt", "of KITTI odometry (P0 to P3)"),
+    # https://github.com/CMU-Perceptual-Computing-Lab/panoptic-toolbox
+    ("calibration_*.json", "of CMU Panoptic (K, distCoef, R, t)"),
+    # https://github.com/zju3dv/neuralbody/blob/master/INSTALL.md
+    ("annots.npy", "of ZJU-MoCap (cams)"),
+    # https://github.com/TemugeB/handpose3d
+    ("camera_parameters/*.dat", "of handpose3d (c0.dat, rot_trans_c0.dat)"),
+    # https://deeplabcut.github.io/DeepLabCut/docs/Overviewof3D.html
+    ("stereo_params.pickle", "of DeepLabCut 3D"),
+    # https://github.com/Fyusion/LLFF
+    ("poses_bounds.npy", "of LLFF (poses and bounds)"),
+)
+"""Names of calibrations that no importer reads, and whose they are by their pages."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,31 +102,44 @@ def _find_takes(folder: Path, options: FindOptions, states_times: bool) -> tuple
     for take, clips in shoots:
         files = (f"{camera} = {clip.path.relative_to(folder)}" for camera, clip in clips.items())
         notes.append(f"found {take or 'one recording'}: {', '.join(files)}")
-    takes = {
-        take: [f"{camera}={clip.path}" for camera, clip in clips.items()]
-        for take, clips in shoots
+    named: dict[str, list[CameraFiles]] = {
+        take: [(camera, clip.path, []) for camera, clip in of.items()] for take, of in shoots
+    }
+    if not shoots:
+        named, said = takes_in(folder)
+        notes += said
+    opened = {
+        take: open_cameras(cameras, png=options.png)
+        for take, cameras in named.items()
         if options.recording is None or label_key(options.recording) == label_key(take)
     }
-    beside, found = find_calibration(folder), []
-    used = [beside] if beside else []
-    for take, cameras in (takes or {"": [str(folder)]}).items():
-        sources = open_sources(cameras, png=options.png)
+    if not opened:
+        raise BadInputError(f"{folder} has no take {options.recording}", hint=f"it has {', '.join(named)}")
+    beside, used = find_calibration(folder)
+    found = []
+    for take, sources in opened.items():
         tables, said = ((), []) if states_times else find_tables(sources, folder)
         notes += said
-        used += [*(source.path for source in sources), *(table for _, table in tables)]
+        for source in sources:
+            # Of a folder that cameras share, the rest is not theirs.
+            used += source.files if isinstance(source, Images) and source.path == folder else [source.path]
+        used += [table for _, table in tables]
         found.append(Layout(path=folder, sources=tuple(sources), take=take, timestamps=tables, beside=beside))
     # What becomes of each video was said above.
     return found, [*notes, *describe_unused(folder, used, VIDEO_SUFFIXES if shoots else ())]
 
 
-def find_calibration(folder: Path) -> Path | None:
-    """Return a calibration in a folder, or in a subfolder with a name for calibrations."""
+def find_calibration(folder: Path) -> tuple[Path | None, list[Path]]:
+    """Return a calibration in a folder, or in a subfolder with a name for calibrations; and its files."""
     inner = [path for path in sorted(folder.iterdir()) if path.is_dir() and CALIBRATION.search(path.name)]
     for place, importer in product((folder, *inner), load_importers()):
-        for pattern in importer.calibration_files:
-            if (file := min(place.glob(pattern), default=None)) is not None:
-                return place if importer.calibration_per_camera else file
-    return None
+        files = [file for pattern in importer.calibration_files for file in sorted(place.glob(pattern))]
+        if files:
+            if not importer.calibration_per_camera:
+                return files[0], files[:1]
+            # A folder of calibrations is read whole.
+            return place, files if place == folder else [place]
+    return None, []
 
 
 def describe_unused(folder: Path, used: Collection[Path], suffixes: Sequence[str] = ()) -> list[str]:
@@ -107,6 +149,7 @@ def describe_unused(folder: Path, used: Collection[Path], suffixes: Sequence[str
     """
     whole = {path.resolve() for path in used}
     names: list[str] = []
+    unread: dict[str, str] = {}
     for place in folders_below(folder):
         if place.resolve() in whole:
             continue
@@ -119,13 +162,17 @@ def describe_unused(folder: Path, used: Collection[Path], suffixes: Sequence[str
             and path.resolve() not in whole
         ]
         inside = place.relative_to(folder)
+        unread |= {say: str(inside / path.name) for path in files for name, say in UNREAD if path.match(name)}
         kinds = Counter(path.suffix.lower() or "no suffix" for path in files)
         alone = [str(inside / path.name) for path in files if kinds[path.suffix.lower() or "no suffix"] < 3]
         names += alone
         where = "" if place == folder else f"{inside}: "
         names += [f"{where}{n} {kind}" for kind, n in kinds.items() if n >= 3]
     more = f" and {len(names) - MAX_NAMED} more" if len(names) > MAX_NAMED else ""
-    return [f"not used: {', '.join(names[:MAX_NAMED])}{more}"] if names else []
+    said = [f"not used: {', '.join(names[:MAX_NAMED])}{more}"] if names else []
+    return said + [
+        f"calibration: {name} is {say}, which is not read: {_CALIBRATE}" for say, name in unread.items()
+    ]
 
 
 def describe_equal(sources: Sequence[Source]) -> list[str]:

@@ -9,6 +9,7 @@ import os
 import re
 import stat
 import zipfile
+from codecs import BOM_UTF16_BE, BOM_UTF16_LE
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -82,9 +83,13 @@ def read_input(path: Path, *, max_bytes: int = MAX_BYTES) -> bytes:
 
 
 def read_text(path: Path, *, encoding: str = "utf-8-sig", max_bytes: int = 1 << 26) -> str:
-    """Return a file's text without a byte order mark, as `read_input` does; also raises it for no text."""
+    """Return a file's text without a byte order mark, as `read_input` does; also raises it for no text.
+
+    A mark of UTF-16, as Excel and PowerShell write it, decides over the encoding.
+    """
     with rejecting(f"cannot read {path}", UnicodeDecodeError, hint="save it as UTF-8 text"):
-        return read_input(path, max_bytes=max_bytes).decode(encoding)
+        data = read_input(path, max_bytes=max_bytes)
+        return data.decode("utf-16" if data.startswith((BOM_UTF16_LE, BOM_UTF16_BE)) else encoding)
 
 
 def read_arrays(path: Path, *, max_bytes: int = MAX_BYTES) -> "dict[str, NDArray[np.generic]]":

@@ -6,33 +6,50 @@ recognizes are plain images and videos.
 """
 
 import re
-from collections.abc import Callable, Sequence
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cache
+from itertools import takewhile
 from pathlib import Path
 
 from capture_app.common.errors import BadInputError
-from capture_app.common.names import folder_names, is_name, label_of, natural_order
+from capture_app.common.names import folder_names, label_of, natural_order
 from capture_app.common.plugins import load_plugins
 from capture_app.common.text import command_line, count
 from capture_app.session.format.manifest import IMAGE_SUFFIXES
+from capture_app.session.importing.name_roles import Parse, choose, parse_names
 from capture_app.session.importing.recording_sources import (
     ARCHIVE_SUFFIXES,
-    CAMERA,
+    VIDEO_SUFFIXES,
     Layout,
     Source,
     Video,
     folders_below,
     image_folder,
     images_in,
+    numbers_in,
     videos_in,
 )
 from capture_app.session.importing.views import Views
 
 GROUP = "simulshot.importers"
-_DATE = re.compile(r"(19|20)\d{6}")
-_Camera = tuple[str, Path, list[Path]]
-"""Label and path of a camera, and its image files if the folder has those of other cameras."""
+CALIBRATION = re.compile(r"calib|intrinsic|extrinsic|board|checker|charuco", re.IGNORECASE)
+_COPIES = re.compile(r"(^|/)(@eadir|thumb(nail)?s?|previews?|prox(y|ies))(/|$)", re.IGNORECASE)
+CameraFiles = tuple[str, Path, list[Path]]
+"""Label and path of a camera, and its files if the folder has those of other cameras."""
+UNREAD = {
+    "": "it needs a subfolder of images or a video file for each camera",
+    ".heic": "convert it to JPEG: heif-convert {file} FILE.jpg",
+    ".heif": "convert it to JPEG: heif-convert {file} FILE.jpg",
+    ".gif": "convert it: ffmpeg -i {file} FILE.mp4",
+    ".mcap": "name the file: capture-app sessions import {file}",
+    ".db3": "a bag of ROS 2 needs its metadata.yaml: ros2 bag reindex {folder}",
+}
+"""What to do with files, by their suffix, where a folder has nothing that is read."""
+MAX_NAMED = 8
+"""Number of files, folders and cameras that are named one by one."""
+_ONE_AT_A_TIME = "capture-app sessions import makes a session of each"
 
 
 def _cannot_open(name: str, path: Path, *, png: bool, recording: str | None) -> Source:
@@ -105,29 +122,49 @@ def camera_importer(path: Path) -> Importer | None:
 def open_sources(paths: Sequence[str], *, png: bool = False, recording: str | None = None) -> list[Source]:
     """Open the cameras of `NAME=PATH` arguments, or of one folder with a subfolder or video for each camera.
 
-    `recording` selects one of several recordings of each camera. Raises BadInputError for missing, empty,
-    duplicate or badly named cameras.
+    A PATH with `*` is of all files that match: a camera's images, or the parts of its video. `recording`
+    selects one of several recordings of each camera. Raises BadInputError for missing, empty, duplicate or
+    badly named cameras, and for a folder of several takes.
     """
-    cameras: list[_Camera] = []
+    cameras: list[CameraFiles] = []
     for text in paths:
         name, path = split_name(text)
-        if not path.exists():
+        place, some = _matching(path)
+        if not path.exists() and not some:
             raise BadInputError(f"nothing at {path}", hint="check the path")
         if not name and path.is_dir() and not camera_importer(path):
-            cameras += _cameras_in(path)
+            takes, _ = takes_in(path)
+            if len(takes) > 1:
+                raise BadInputError(f"{path} has several takes: {', '.join(takes)}", hint=_ONE_AT_A_TIME)
+            cameras += next(iter(takes.values()))
         else:
             own = path.resolve().name if path.is_dir() else path.stem
-            cameras.append((name or label_of(own), path, []))
+            cameras.append((name or label_of(own), place, some))
     if not cameras:
         raise BadInputError("nothing to import", hint="give a folder, or NAME=PATH for each camera")
+    return open_cameras(cameras, png=png, recording=recording)
+
+
+def open_cameras(
+    cameras: Sequence[CameraFiles], *, png: bool = False, recording: str | None = None
+) -> list[Source]:
+    """Open cameras, sorted by name; see `open_sources`."""
     labels = [label for label, *_ in cameras]
     names = dict(zip(folder_names(labels, "camera", "cam"), cameras, strict=True))
     sources = []
     for name, (label, path, files) in sorted(names.items(), key=lambda one: natural_order(one[0])):
-        source = image_folder(name, path, files) if files else _source(name, path, png, recording)
+        source = _source(name, path, files, png, recording)
         source.label = label
         sources.append(source)
     return sources
+
+
+def _matching(path: Path) -> tuple[Path, list[Path]]:
+    """Return the folder and the files of a path with `*` in it; of any other path, itself and no files."""
+    first = 0 if path.exists() else next((n for n, part in enumerate(path.parts) if "*" in part), 0)
+    place = Path(*path.parts[:first]) if first else path
+    found = place.glob("/".join(path.parts[first:])) if first else ()
+    return place, sorted(found, key=lambda file: natural_order(str(file)))
 
 
 def split_name(text: str) -> tuple[str, Path]:
@@ -145,29 +182,6 @@ def split_name(text: str) -> tuple[str, Path]:
     return label_of(name) if named else "", path
 
 
-def _by_label(images: Sequence[Path]) -> dict[str, list[Path]]:
-    """Return a folder's images by the camera that their names have beside a number; none if they have one.
-
-    Cameras have a word and several images each, and share most numbers; other names count within a second.
-    """
-    parted = {path: re.fullmatch(r"(.*?)[_\-. ]?(\d+)[_\-. ]?(\D*)", path.stem) for path in images}
-    words = {path: (match[1], match[3], int(match[2])) for path, match in parted.items() if match}
-    varying = [k for k in (0, 1) if len({of[k] for of in words.values()}) > 1]
-    cameras: dict[str, dict[int, Path]] = {}
-    for path, of in words.items():
-        cameras.setdefault("-".join(str(of[k]) for k in varying if of[k]), {})[of[2]] = path
-    counts = [len(numbered) for numbered in cameras.values()]
-    named = all(is_name(name) and re.search("[A-Za-z]", name) for name in cameras)
-    dated = any(_DATE.search(name) for name in cameras)
-    # Of two numbers, the one of fewer values is the camera's: with as many, they do not tell.
-    by_number = len({re.sub(r"\d+", "", name) for name in cameras}) == 1
-    swapped = by_number and len(counts) >= min(counts) and not any(map(CAMERA.search, cameras))
-    told = sum(counts) == len(images) and len(counts) > 1 < min(counts) and named
-    if not told or dated or swapped or 2 * len(set.intersection(*map(set, cameras.values()))) < min(counts):
-        return {}
-    return {name: list(numbered.values()) for name, numbered in cameras.items()}
-
-
 def _archive(path: Path) -> BadInputError:
     folder = path.with_suffix("")
     return BadInputError(
@@ -176,7 +190,10 @@ def _archive(path: Path) -> BadInputError:
     )
 
 
-def _source(name: str, path: Path, png: bool, recording: str | None) -> Source:
+def _source(name: str, path: Path, files: Sequence[Path], png: bool, recording: str | None) -> Source:
+    if files:
+        is_video = files[0].suffix.lower() in VIDEO_SUFFIXES
+        return Video(name, files[0], files[1:], png=png) if is_video else image_folder(name, path, files)
     if (importer := camera_importer(path)) is not None:
         return importer.open_camera(name, path, png=png, recording=recording)
     if path.is_dir() and not images_in(path):
@@ -204,51 +221,94 @@ def _camera_below(folder: Path) -> Path:
     return places[0] if places else folder
 
 
-def _cameras_in(folder: Path) -> list[_Camera]:
+def takes_in(folder: Path) -> tuple[dict[str, list[CameraFiles]], list[str]]:
+    """Return the cameras of each take in a folder by the names in it, and what the names were taken for.
+
+    Raises BadInputError, with the possible readings, if the names do not tell.
+    """
     videos = videos_in(folder)
     recorded = {path: path.name for path in folder.iterdir() if path.is_dir() and camera_importer(path)}
-    folders = recorded or image_cameras(folder)
-    places = () if recorded or videos else folders or [folder]
-    flat = {place: cameras for place in places if (cameras := _by_label(images_in(place)))}
-    if 1 < len(folders) == len(flat) and len({tuple(sorted(cameras)) for cameras in flat.values()}) == 1:
-        raise BadInputError(
-            f"{folder} has folders with images of several cameras: {', '.join(map(str, flat))}",
-            hint=f"import one at a time: capture-app sessions import {command_line(str(next(iter(flat))))}",
-        )
-    if flat and len(folders) < 2:
-        ((place, cameras),) = flat.items()
-        return [(name, place, files) for name, files in cameras.items()]
-    if not videos and not folders:
-        if images := images_in(folder):
-            raise BadInputError(
-                f"{folder} has {count(len(images), 'image')}, whose names tell no cameras apart",
-                hint="put each camera's into a folder; or as one camera: capture-app sessions import "
-                f"cam0={command_line(str(folder))} --fps RATE",
-            )
-        if archives := sorted(path for path in folder.iterdir() if path.suffix.lower() in ARCHIVE_SUFFIXES):
-            raise _archive(archives[0])
-        raise BadInputError(
-            f"no cameras in {folder}", hint="it needs a subfolder of images or a video file for each camera"
-        )
-    if videos and folders:
+    places = [place for place in folders_below(folder) if place != folder and images_in(place)]
+    places = [place for place in places if not _COPIES.search(place.relative_to(folder).as_posix())]
+    boards = [place for place in places if CALIBRATION.search(str(place.relative_to(folder)))]
+    if len(boards) < len(places) or images_in(folder):
+        places = [place for place in places if place not in boards]
+    if videos and (recorded or places):
         raise BadInputError(f"{folder} has both videos and folders of images", hint="name them: NAME=PATH")
-    named = [(path.stem, path) for path in videos] + [(name, path) for path, name in folders.items()]
-    return [(label_of(name), path, []) for name, path in named]
+    if videos or recorded:
+        named = [(path.stem, path) for path in videos] or [(name, path) for path, name in recorded.items()]
+        return {"": [(label_of(name), path, []) for name, path in named]}, []
+    files = sorted(file for place in places or [folder] for file in images_in(place))
+    # A picture of the set beside the cameras' has no number, or more.
+    counts = Counter(len(numbers_in(file.stem)) for file in files)
+    usual = [file for file in files if 4 * counts[len(numbers_in(file.stem))] > 3 * len(files)]
+    parses = parse_names(usual or files, folder)
+    if (parse := choose(parses)) is None and len(places) == 1:
+        alone = label_of(places[0].relative_to(folder).parts[0])
+        return {"": [(alone, places[0], [])]}, []
+    if parse is None or parse.others:
+        raise _undecided(folder, files, places, parses)
+    takes = {
+        take: [
+            (
+                label_of(name),
+                parent if {parent := own[0].parent} == {file.parent for file in own} else folder,
+                [*own],
+            )
+            for name, own in cameras.items()
+        ]
+        for take, cameras in parse.takes.items()
+    }
+    apart = {path for cameras in takes.values() for _, path, _ in cameras}
+    # A folder a camera needs no words.
+    return takes, [f"by their names: {parse}"] * (len(takes) > 1 or len(apart) < len(takes[""]))
 
 
-def image_cameras(folder: Path) -> dict[Path, str]:
-    """Return the folders of images below a folder, each with its camera's part of the path.
-
-    Raises BadInputError if no part of the paths tells all cameras apart, as in a folder of several takes.
-    """
-    paths = [path for path in folders_below(folder) if path != folder and images_in(path)]
-    parts = [path.relative_to(folder).parts for path in paths]
-    columns = [[own[k] for own in parts] for k in range(min(map(len, parts), default=0))]
-    telling = next((column for column in columns if len(set(column)) == len(parts)), None)
-    if paths and telling is None:
-        some = ", ".join("/".join(own) for own in parts[:3])
-        raise BadInputError(
-            f"{folder} has {count(len(paths), 'folder')} of images, of several takes or kinds: {some} ...",
-            hint="import one take at a time, or name the cameras: NAME=PATH",
+def _undecided(
+    folder: Path, files: Sequence[Path], places: Sequence[Path], parses: Sequence[Parse]
+) -> BadInputError:
+    """Return the question which of the possible readings of names is right, with the command of each."""
+    archives = [path for path in sorted(folder.iterdir()) if path.suffix.lower() in ARCHIVE_SUFFIXES]
+    if not files and archives:
+        return _archive(archives[0])
+    if not files:
+        below = (path for place in folders_below(folder) for path in sorted(place.iterdir()))
+        other = next((path for path in below if path.suffix.lower() in UNREAD), folder)
+        return BadInputError(
+            f"no cameras in {folder}{'' if other == folder else f': {other.name} is not read there'}",
+            hint=UNREAD.get(other.suffix.lower(), UNREAD[""]).format(
+                file=command_line(str(other)), folder=command_line(str(other.parent))
+            ),
         )
-    return dict(zip(paths, telling or (), strict=True))
+    likely = [parse for parse in parses if not parse.others][:2]
+    options = "".join(f"; or {parse}: {_command(next(iter(parse.takes.values())))}" for parse in likely)
+    some = ", ".join(str(place.relative_to(folder)) for place in places[:3])
+    alone = f"capture-app sessions import cam0={command_line(str(folder))} --fps RATE"
+    what, hint = (
+        (
+            f"{count(len(places), 'folder')} of images, of several takes or kinds: {some} ...",
+            f"import one take at a time, or name the cameras: NAME=PATH{options}",
+        )
+        if places
+        else (
+            f"{count(len(files), 'image')}, whose names tell no cameras apart",
+            f"put each camera's into a folder{options}; or one camera: {alone}",
+        )
+    )
+    return BadInputError(f"{folder} has {what}", hint=hint)
+
+
+def _command(cameras: Mapping[str, Sequence[Path]]) -> str:
+    """Return the command that imports these cameras, with `*` for what differs in their files' names."""
+    given = []
+    for name, files in cameras.items():
+        begin = _common_begin([str(file) for file in files])
+        end = _common_begin([str(file)[len(begin) :][::-1] for file in files])[::-1]
+        given.append(f"{label_of(name)}={begin}{'*' * (len(files) > 1)}{end}")
+    return (
+        f"capture-app sessions import {command_line(*given[:MAX_NAMED])}{' ...' * (len(given) > MAX_NAMED)}"
+    )
+
+
+def _common_begin(texts: Sequence[str]) -> str:
+    return "".join(own[0] for own in takewhile(lambda own: len({*own}) == 1, zip(*texts, strict=False)))

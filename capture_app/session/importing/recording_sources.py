@@ -3,21 +3,29 @@
 import re
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
-from datetime import UTC, datetime
+from datetime import datetime
 from itertools import takewhile
 from pathlib import Path
 
-from capture_app.common.errors import BadInputError, reading
+from capture_app.common.errors import BadInputError, NotAvailableError, reading
 from capture_app.common.names import natural_order
 from capture_app.common.text import count
 from capture_app.session.files.untrusted_files import read_input, rejecting
 from capture_app.session.format.export_record import ExportRecord
 from capture_app.session.format.manifest import IMAGE_SUFFIXES
 from capture_app.session.importing.frame_matching import TimedFrame, Timeline
-from capture_app.session.importing.video_tracks import DAMAGED, describe_video, video_pictures, video_times_ns
+from capture_app.session.importing.video_tracks import (
+    DAMAGED,
+    describe_video,
+    video_pictures,
+    video_span,
+    video_times_ns,
+)
 from capture_app.session.importing.views import Views
 from capture_app.session.reading.decoding import (
+    Exif,
     decode_image,
     decode_turned,
     encode_image,
@@ -27,23 +35,24 @@ from capture_app.session.reading.decoding import (
 
 VIDEO_SUFFIXES = (
     *(".mp4", ".mov", ".avi", ".mkv", ".m4v", ".webm", ".insv"),
-    *(".mjpg", ".mjpeg", ".mpg", ".mpeg", ".h264", ".264", ".mts", ".m2ts", ".ts"),
+    *(".mjpg", ".mjpeg", ".mpg", ".mpeg", ".h264", ".264", ".mts", ".m2ts", ".ts", ".wmv"),
 )
 ARCHIVE_SUFFIXES = (".zip", ".tar", ".gz", ".tgz", ".7z", ".rar")
 MAX_DEPTH = 12
 """Maximum folder depth of a search, such as CAMERA/DCIM/100GOPRO."""
 Numbers = tuple[int, ...]
 """All numbers in a name, in order."""
-CAMERA = re.compile(
-    r"cam|left|right|front|back|side|top|view|gopro|phone|pixel|ipad|galaxy|canon|sony|angle", re.IGNORECASE
-)
-"""Words in the names of cameras."""
 _FIRST_CHAPTER = re.compile(r"(?P<kind>G[XH])01(?P<number>\d{4})|GOPR(?P<old>\d{4})")
+TOUCHING_S = 2.0
+"""Maximum gap between the files of a split recording, s: their dates are whole seconds."""
+PART_SLACK_S, PART_SLACK = 0.5, 0.05
+"""Maximum difference of the lengths of these files, but the last: s, or relative to the first one's."""
 _DATE = re.compile(
     r"((?:19|20)\d{2})[-_.:]?(\d{2})[-_.:]?(\d{2})[-_.T ]?(\d{2})[-_.:h]?(\d{2})[-_.:m]?(\d{2})"
     # One or two digits after a dash are a counter within the second.
     r"(?:[.,]|[-_]?(?=\d{3}))?(\d*)"
 )
+_OFFSET = re.compile(r"[+-]\d\d:\d\d")
 _EPOCH = re.compile(r"(?<!\d)([1-9]\d*)(?:(?:\.|[_-](?=\d{6}(?!\d)|\d{9}(?!\d)))(\d+))?(?!\d)")
 _EPOCH_NS = {10: 9, 13: 6, 16: 3, 19: 0}
 """Number of digits of a Unix time, and the power of ten that converts it to ns."""
@@ -133,7 +142,7 @@ def image_folder(name: str, path: Path, some: Sequence[Path] = ()) -> Images:
     Raises BadInputError if there are no images, or several types of them.
     """
     files = list(some) or ([path] if path.is_file() else images_in(path))
-    files.sort(key=lambda file: natural_order(file.name))
+    files.sort(key=lambda file: natural_order(str(file)))
     if not files:
         raise BadInputError(
             f"no images in {path}", hint=f"name a folder with images of a kind of {', '.join(IMAGE_SUFFIXES)}"
@@ -143,10 +152,9 @@ def image_folder(name: str, path: Path, some: Sequence[Path] = ()) -> Images:
         raise BadInputError(f"{path} mixes {' and '.join(sorted(suffixes))}", hint="keep one kind of image")
     source = Images(name, path, files, FOLDER, read=lambda file: upright(file.read_bytes(), file.suffix))
     # The number in a single image's name may be its camera's or its time's.
-    source.name_numbers = [numbers_in(file.stem) for file in files] if path.is_dir() else ()
-    source.notes = _describe_links(files)
-    if some:
-        source.notes.append(f"{name}: {count(len(files), 'image')} of {path}, such as {files[0].name}")
+    names = [str(file.relative_to(path).with_suffix("")) for file in files] if path.is_dir() else ()
+    source.name_numbers = [numbers_in(name) for name in names]
+    source.notes = [*_describe_links(files), *_describe_tiff(name, files[0])]
     return source
 
 
@@ -155,6 +163,25 @@ def _describe_links(files: Sequence[Path]) -> list[str]:
     away = [file for file in files if file.is_symlink() and file.resolve().parent != file.parent.resolve()]
     followed = f"{count(len(away), 'link')} out of the folder followed"
     return [f"{followed}, such as {file} to {file.resolve()}" for file in away[:1]]
+
+
+def _describe_tiff(name: str, file: Path) -> list[str]:
+    """Return what a camera's first TIFF has that an import or an export leaves out; none if nothing."""
+    if file.suffix.lower() not in (".tif", ".tiff"):
+        return []
+    import cv2
+
+    image = cv2.imread(str(file), cv2.IMREAD_UNCHANGED) if (pages := cv2.imcount(str(file))) else None
+    depth = (
+        ""
+        if image is None or image.itemsize < 2
+        else f"16 bits, of which {int(image.max()).bit_length()} are used"
+    )
+    says = {
+        f"has {pages} pages, of which the first is imported; the others need files of their own": pages > 1,
+        f"has {depth}: exports of 8 bits take the upper ones": depth,
+    }
+    return [f"{name}: {file.name} {say}" for say, holds in says.items() if holds]
 
 
 def upright(data: bytes, suffix: str) -> bytes:
@@ -203,10 +230,11 @@ class Video(Source):
 
     kind = "video"
 
-    def __init__(self, name: str, path: Path, *, png: bool = False) -> None:
+    def __init__(self, name: str, path: Path, later: Sequence[Path] = (), *, png: bool = False) -> None:
+        """Take a video that goes on in the files `later`, by default in `later_chapters`."""
         self.name, self.path = name, path
         self.suffix = ".png" if png else ".jpg"
-        chapters = (path, *later_chapters(path))
+        chapters = (path, *(later or later_chapters(path)))
         times_ns = {chapter: video_times_ns(chapter) for chapter in chapters}
         self._timed = all(times_ns.values())
         """Whether all frames have presentation times, by which they are selected."""
@@ -219,8 +247,8 @@ class Video(Source):
         # The first frames of all videos belong together unless a table says otherwise.
         self.name_numbers = [(number,) for number in self.numbers]
         self.fps, notes = describe_video(path)
-        later = ", ".join(chapter.name for chapter in chapters[1:])
-        goes_on = [f"{path.name} goes on in {later}"] if later else []
+        names = ", ".join(chapter.name for chapter in chapters[1:])
+        goes_on = [f"{path.name} goes on in {names}"] if names else []
         self.notes = (*notes, *goes_on, *_describe_links(chapters))
         if not self.numbers:
             raise BadInputError(f"no frame of {path} can be decoded", hint=DAMAGED)
@@ -247,15 +275,50 @@ class Video(Source):
 
 
 def later_chapters(path: Path) -> list[Path]:
-    """Return a GoPro recording's further files in order: GX02… after GX01…, GP01… after GOPR…."""
-    if (match := _FIRST_CHAPTER.fullmatch(path.stem)) is None:
-        return []
-    kind, number = ("GP", match["old"]) if match["old"] else (match["kind"], match["number"])
-    beside = (
-        path.with_name(f"{kind}{chapter:02}{number}{path.suffix}")
-        for chapter in range(1 if match["old"] else 2, 100)
-    )
-    return list(takewhile(Path.is_file, beside))
+    """Return the further files of a recording that its camera split, in order.
+
+    A GoPro names them: GX02... after GX01..., GP01... after GOPR.... Any camera's files are one recording if
+    their counters follow, each begins where the one before ends, and all but the last are equally long.
+    """
+    if (match := _FIRST_CHAPTER.fullmatch(path.stem)) is not None:
+        kind, number = ("GP", match["old"]) if match["old"] else (match["kind"], match["number"])
+        beside = (
+            path.with_name(f"{kind}{chapter:02}{number}{path.suffix}")
+            for chapter in range(1 if match["old"] else 2, 100)
+        )
+        return list(takewhile(Path.is_file, beside))
+    parts, form = [path], re.sub(r"\d+", "#", path.name)
+    others = [file for file in sorted(path.parent.iterdir()) if re.sub(r"\d+", "#", file.name) == form]
+    while (after := next((file for file in others if _goes_on(path, parts[-1], file)), None)) is not None:
+        parts.append(after)
+    return parts[1:]
+
+
+def _goes_on(first: Path, before: Path, path: Path) -> bool:
+    """Return whether a recording that begins with the file `first` goes on in `path` after `before`."""
+    counters = (numbers_in(_DATE.sub("", name)) for name in (before.stem, path.stem))
+    steps = {b - a for a, b in zip(*counters, strict=False)}
+    # A counter beside the time of day.
+    if path == before or not (steps <= {0, 1} or (min(steps) >= 0 and 1 in steps)):
+        return False
+    (_, whole_s), (began_s, own_s), (next_s, next_own_s) = map(clip_span, (first, before, path))
+    if began_s is None or next_s is None:
+        return False
+    slack_s = max(PART_SLACK_S, PART_SLACK * whole_s)
+    equal = abs(own_s - whole_s) <= slack_s and next_own_s <= whole_s + slack_s
+    return equal and abs(next_s - began_s - own_s) <= min(TOUCHING_S, own_s / 2)
+
+
+def clip_span(path: Path) -> tuple[float | None, float]:
+    """Return when a video began, s since 1970 by its camera's clock or its name, and its length, s.
+
+    Return None and 0 if it is unreadable.
+    """
+    began_s, seconds = None, 0.0
+    with suppress(BadInputError, NotAvailableError):
+        began_s, seconds = video_span(path, path.stat().st_mtime_ns)
+        began_s = name_time_ns(path) / 1e9 if began_s is None else began_s
+    return began_s, seconds
 
 
 def chapter_shifts_ns(times_ns: Sequence[Sequence[int]]) -> list[int]:
@@ -324,10 +387,12 @@ def name_time_ns(path: Path) -> int:
     return _date_ns(path, match, match[7])
 
 
-def exif_time_ns(path: Path) -> int:
-    """Return a JPEG's capture time in EXIF, ns. Raises BadInputError if there is none."""
-    with rejecting(f"the EXIF of {path} is broken", ValueError, hint=_OTHER_TIMES):
-        exif = read_exif(read_input(path))
+def exif_time_ns(path: Path, *, zoned: bool = False) -> int:
+    """Return a JPEG's capture time in EXIF, ns; `zoned`: minus its difference from UTC, which it states.
+
+    Raises BadInputError if there is none.
+    """
+    exif = _exif_of(path)
     if (match := _DATE.search(exif.date)) is None:
         raise BadInputError(f"{path} has no EXIF that says when it was taken", hint=_OTHER_TIMES)
     part = exif.part_of_second.strip()
@@ -335,12 +400,22 @@ def exif_time_ns(path: Path) -> int:
         raise BadInputError(
             f"{path}: SubSecTimeOriginal in its EXIF is {part!r}, which is not a number", hint=_OTHER_TIMES
         )
-    return _date_ns(path, match, part)
+    return _date_ns(path, match, part, exif.offset if zoned else "+00:00")
 
 
-def _date_ns(path: Path, found: re.Match[str], fraction: str) -> int:
+def states_zone(path: Path) -> bool:
+    """Return whether a JPEG's EXIF states how far its time is ahead of UTC. Raises as `exif_time_ns`."""
+    return _OFFSET.fullmatch(_exif_of(path).offset) is not None
+
+
+def _exif_of(path: Path) -> Exif:
+    with rejecting(f"the EXIF of {path} is broken", ValueError, hint=_OTHER_TIMES):
+        return read_exif(read_input(path))
+
+
+def _date_ns(path: Path, found: re.Match[str], fraction: str, zone: str = "+00:00") -> int:
     with rejecting(f"{path} has an invalid time", ValueError, hint=_OTHER_TIMES):
-        moment = datetime.strptime(" ".join(found.groups()[:6]), "%Y %m %d %H %M %S").replace(tzinfo=UTC)
+        moment = datetime.strptime(" ".join([*found.groups()[:6], zone]), "%Y %m %d %H %M %S %z")
     return round(moment.timestamp()) * 1_000_000_000 + int((fraction or "0")[:9].ljust(9, "0"))
 
 

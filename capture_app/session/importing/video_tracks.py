@@ -2,6 +2,8 @@
 
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager, suppress
+from datetime import datetime
+from functools import cache
 from itertools import chain, count
 from math import inf
 from pathlib import Path
@@ -115,6 +117,24 @@ def describe_video(path: Path) -> tuple[float, list[str]]:
         f"has more than one video stream; the first is imported. For the second: {second}": several,
     }
     return fps, [f"{path.name} {note}" for note, holds in notes.items() if holds]
+
+
+@cache
+def video_span(path: Path, changed_ns: int) -> tuple[float | None, float]:
+    """Return when a video began by its camera's clock, s since 1970, None if it does not say; its length, s.
+
+    `changed_ns`: when the file was changed. Raises as `open_container`.
+    """
+    dates_s = []
+    with open_container(path) as (_, container):
+        holders = [container, *container.streams.video[:1]]
+        for holder in holders:
+            # No camera writes other formats.
+            with suppress(ValueError):
+                dates_s.append(datetime.fromisoformat(holder.metadata.get("creation_time", "")).timestamp())
+        lengths_s = [float(one.duration * one.time_base) for one in holders[1:] if one.duration]
+    # Zero in QuickTime's dates, 1904, means that there is no date.
+    return next((date_s for date_s in dates_s if date_s > 0), None), sum(lengths_s)
 
 
 def video_times_ns(path: Path) -> list[int]:

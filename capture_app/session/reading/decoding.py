@@ -19,7 +19,7 @@ _EXIF_SEGMENT = 0xE1, b"Exif\0\0"
 _TIFF_BEGINS = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 MAX_PADDING = 1 << 20
 """Limit on the bytes that a camera adds to a JPEG after its end."""
-_EXIF_IFD, _DATE, _PART, _FOCAL_35MM = 0x8769, 0x9003, 0x9291, 0xA405
+_EXIF_IFD, _DATE, _OFFSET, _PART, _FOCAL_35MM = 0x8769, 0x9003, 0x9011, 0x9291, 0xA405
 _PIXELS = 0xDA
 """Marker of a JPEG's first scan, which its compressed pixels follow."""
 _WIDTH, _HEIGHT, _ORIENTATION = 0x0100, 0x0101, 0x0112
@@ -55,6 +55,8 @@ class Exif:
     """35 mm equivalent focal length, mm: same diagonal field of view."""
     orientation: int = UPRIGHT
     """EXIF orientation, 1 (already upright) to 8: the transform that shows the image upright."""
+    offset: str = ""
+    """OffsetTimeOriginal, such as +02:00: how far the date is ahead of UTC."""
 
 
 def read_exif(data: bytes) -> Exif:
@@ -104,8 +106,8 @@ def _exif_of_tiff(tiff: bytes) -> Exif:
         _number(order, directory[tag]) if tag in directory else 0
         for directory, tag in ((first, _ORIENTATION), (inner, _FOCAL_35MM))
     )
-    date, part = (_text(tiff, order, inner.get(tag)) for tag in (_DATE, _PART))
-    return Exif(date, part, focal or None, orientation or UPRIGHT)
+    date, part, offset = (_text(tiff, order, inner.get(tag)) for tag in (_DATE, _PART, _OFFSET))
+    return Exif(date, part, focal or None, orientation or UPRIGHT, offset)
 
 
 def _directory(tiff: bytes) -> tuple[str, dict[int, Entry]]:

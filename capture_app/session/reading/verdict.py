@@ -98,7 +98,11 @@ def judge(manifest: Manifest, *, arriving: bool = False) -> Verdict:
     spread_ns = None if unknown else max(spreads, default=None)
     error_ns = None if sync.uncertainty_ns is None else 2 * sync.uncertainty_ns
     grade, motion = grade_of(spread_ns, error_ns)
-    purpose, sentence = _purpose(grade, motion, spread_ns), "there are no two images of one instant"
+    recorded = times is not None and times.state == "recorded"
+    purpose, sentence = (
+        _purpose(grade, motion, spread_ns, recorded=recorded),
+        "there are no two images of one instant",
+    )
     if manifest.is_staggered and motion is not None:
         purpose = f"staggered, {manifest.steps}: {grade}, each as planned to {duration(1e9 / motion)}"
         motion = None
@@ -223,13 +227,13 @@ def _why_nothing(manifest: Manifest) -> str:
     return "; ".join([*reasons_given, *absent])
 
 
-def _purpose(grade: Grade, motion: float | None, spread_ns: int | None) -> str:
+def _purpose(grade: Grade, motion: float | None, spread_ns: int | None, *, recorded: bool) -> str:
     if motion is None:
         return (
             "nothing to compare: no two images of one instant"
             if spread_ns is None
             else "not measured: no times were recorded, equal numbers are taken as one instant"
-            if not spread_ns
+            if not (spread_ns or recorded)
             else f"not measured: {duration(spread_ns)} apart by the recorded times, whose error is not known"
         )
     return f"{grade}: within a pixel for motion up to {float(f'{motion:.2g}'):,.0f} px/s"

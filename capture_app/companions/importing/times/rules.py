@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
+from functools import partial
 from itertools import combinations
 from pathlib import Path
 from typing import Literal
@@ -31,6 +32,7 @@ from capture_app.session.importing.recording_sources import (
     exif_time_ns,
     labels_of,
     name_time_ns,
+    states_zone,
 )
 
 ASSUMED_FPS = 30.0
@@ -227,6 +229,13 @@ def _by_images(recording: _Recording, read: Callable[[Path], int]) -> _Made:
     return frames, ()
 
 
+def _by_exif(recording: _Recording) -> _Made:
+    """Return the images' times in EXIF, by UTC if all cameras state how far ahead of it they are."""
+    folders = [source for source in recording.sources if isinstance(source, Images)]
+    zoned = all(source.kind == FOLDER and states_zone(source.files[0]) for source in folders)
+    return _by_images(recording, partial(exif_time_ns, zoned=zoned))
+
+
 def _by_videos(recording: _Recording) -> _Made:
     """Return the videos' own times, or times by their rate where a file has none."""
     frames, notes = {}, []
@@ -333,7 +342,13 @@ def _period_of(fps: float) -> Fraction:
 def numbers_of_frames(sources: Sequence[Source]) -> dict[str, Sequence[int]] | None:
     """Return each camera's frame numbers; None if some camera has none, so that only the order counts."""
     names = {source.name: source.name_numbers for source in sources}
-    return frame_numbers(names) if all(names.values()) else None
+    numbers = frame_numbers(names) if all(names.values()) else None
+    own = (numbers or {}).values()
+    # In folders of their own, counters that never meet are each camera's own.
+    folders = {source.path for source in sources if isinstance(source, Images)}
+    apart = len(folders) == len(own) > 1 and not set.intersection(*map(set, own))
+    whole = len({len(of) for of in own}) == 1 and all(max(of) - min(of) == len(of) - 1 for of in own)
+    return None if apart and whole else numbers
 
 
 def _numbers(sources: Sequence[Source]) -> Mapping[str, Sequence[int]]:
@@ -364,8 +379,7 @@ def frame_numbers(cameras: Mapping[str, Sequence[Numbers]]) -> dict[str, Sequenc
     single: list[dict[str, list[Numbers]]] = [
         {name: [(name[k],) for name in names] for name, names in kept.items()} for k in range(width)
     ]
-    alone = len(kept) == 1 or _shared(kept)
-    tried = [kept] if alone else [digits for digits in single if _shared(digits)] or [kept]
+    tried = [kept] if _shared(kept) else [digits for digits in single if _shared(digits)] or [kept]
     usable = [trial for trial in tried if all(len(set(names)) == len(names) for names in trial.values())]
     if len(usable) != 1:
         return None
@@ -411,7 +425,7 @@ RULES = (
     ),
     Rule(
         lambda one: one.options.times == "exif",
-        lambda one: _by_images(one, exif_time_ns),
+        _by_exif,
         "unknown",
         lambda one: "EXIF times are by each camera's own clock",
     ),

@@ -132,7 +132,10 @@ def _read_table(
             notes.append(said)
     own = sources[0] if alone else None
     files = {image.name: n for n, image in enumerate(own.files)} if isinstance(own, Images) else {}
-    for where, line in lines:
+    # KITTI has a row more than pictures, whose names are the numbers of their rows, from 0.
+    places = {counter: n for n, counter in enumerate(own.name_numbers)} if own and not (frame or file) else {}
+    numbered = len(lines) > len(places) and (0,) in places
+    for row, (where, line) in enumerate(lines):
         label = "" if alone or camera is None else (line[camera] or "").strip()
         if label not in names:
             continue
@@ -140,6 +143,8 @@ def _read_table(
         image = PurePath((line[file] or "").strip()).name if file else ""
         # A table may list images that were not copied.
         if files and image and (number := files.get(image)) is None:
+            continue
+        if numbered and (number := places.get((row,))) is None:
             continue
         at_ns = _parse(where, line[time], ns)
         yield _Row(names[label], number, (line[group] or "").strip() if group else None, at_ns)
@@ -153,8 +158,9 @@ def read_columns(path: Path) -> tuple[dict[str, str], list[tuple[str, dict[str, 
     text = read_text(path)
     first = text.partition("\n")[0]
     delimiter = next((mark for mark in ",;\t" if mark in first), ",")
-    # Bonsai writes dates without a header.
-    fields = [f"time{n or ''}" for n in range(first.count(delimiter) + 1)] if _DATE.match(first) else None
+    # Bonsai and KITTI write dates, KITTI's odometry seconds, without a header.
+    bare = _DATE.match(first) or re.fullmatch(r"\d+\.\d+(e[+-]\d+)?\s*", first)
+    fields = [f"time{n or ''}" for n in range(first.count(delimiter) + 1)] if bare else None
     reader = csv.DictReader(text.splitlines(), fields, delimiter=delimiter, skipinitialspace=True)
     with rejecting(f"cannot read the table {path}", csv.Error, hint="save it as comma-separated values"):
         columns = {_column(str(name)): str(name) for name in reader.fieldnames or ()}
@@ -264,9 +270,10 @@ def _by_group(where: str, rows: Sequence[_Row], timed: Mapping[str, _Timed]) -> 
     return sorted(instants, key=lambda instant: instant.leader_ns)
 
 
-_SUFFIXES = (".csv", ".tsv")
+_SUFFIXES = (".csv", ".tsv", ".txt")
+COMMON_TIMES = "times.txt"
 _OF_TIMES = re.compile(
-    r"[._\- ]*(frame|video)?[._\- ]*(times?|time_?stamps?|ts|metadata|data)$", re.IGNORECASE
+    r"([._\- ]*(frame|video)?[._\- ]*(times?|time_?stamps?)|(^|[._\- ])+(ts|metadata|data))$", re.IGNORECASE
 )
 """What a table's name says besides its camera's."""
 _SINCE_1970_NS = 946_684_800_000_000_000
@@ -287,7 +294,13 @@ def find_tables(sources: Sequence[Source], root: Path) -> tuple[Sequence[Table],
             columns[path] = read_columns(path)[0].keys()
     timed = [path for path, names in columns.items() if not TIME_COLUMNS.keys().isdisjoint(names)]
     own = [path for path in timed if set(CAMERA_COLUMNS).isdisjoint(columns[path])]
-    tried = (*([("", path)] for path in timed if path not in own), _of_cameras(own, sources))
+    # https://www.cvlibs.net/datasets/kitti/eval_odometry.php: the times of all cameras' synchronized images.
+    common = [
+        [(source.name, path) for source in sources]
+        for path in own
+        if path.name == COMMON_TIMES and all(path.parent in _with_parents(one.path) for one in sources)
+    ]
+    tried = (*([("", path)] for path in timed if path not in own), _of_cameras(own, sources), *common)
     return next((tables for tables in tried if tables and _fit(sources, tables, notes)), ()), notes
 
 
@@ -315,7 +328,9 @@ def _fit(sources: Sequence[Source], tables: Sequence[Table], notes: list[str]) -
     # Only tables can tell whether their times are of one clock.
     firsts_ns = [min(frame.leader_ns for frame in frames) for frames in cameras.values()]
     why = ""
-    if len(firsts_ns) > 1 and not any(firsts_ns):
+    if len({path for _, path in tables}) < len(tables):
+        names = tables[0][1].name
+    elif len(firsts_ns) > 1 and not any(firsts_ns):
         why = "each camera counts from 0 in it"
     elif len(tables) > 1 and min(firsts_ns) < _SINCE_1970_NS:
         why = "each may count from its camera's own start"

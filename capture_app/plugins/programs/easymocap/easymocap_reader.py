@@ -81,6 +81,7 @@ IMPORTER = Importer(
     help="a sequence's videos or images with intri.yml and extri.yml; these as a calibration",
     open_recording=open_recording,
     read_calibration=read_calibration,
-    calibration_files=("intri.yml",),
+    calibration_files=(INTRINSICS, EXTRINSICS),
+    calibration_per_camera=True,
     priority=-1,
 )

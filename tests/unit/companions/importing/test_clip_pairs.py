@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from capture_app.companions.importing.clips import Clip, pair_clips
+from capture_app.session.importing.name_roles import take_names
 
 HOUR_S = 3600.0
 
@@ -26,6 +27,7 @@ def paired(
         one,
         other,
         lambda x, y: (heard or {}).get([c.path for c in one].index(x)) == [c.path for c in other].index(y),
+        take_names({"a": [clip.path for clip in one], "b": [clip.path for clip in other]}),
     )
     return [(one.index(x), other.index(y)) for x, y in pairs], note
 

@@ -168,17 +168,37 @@ def test_numbers_of_ten_digits_are_no_times(tmp_path: Path, make_images: Callabl
         assert "--times name" not in str(refused.value)
 
 
-def with_exif(data: bytes, date: str, part: str, order: str = "<") -> bytes:
-    """A JPEG with DateTimeOriginal and SubSecTimeOriginal."""
+def with_exif(data: bytes, date: str, part: str, order: str = "<", zone: str = "") -> bytes:
+    """A JPEG with DateTimeOriginal and SubSecTimeOriginal, and OffsetTimeOriginal if there is a zone."""
     mark = b"II" if order == "<" else b"MM"
     text = date.encode() + b"\0"
     sub = part.encode().ljust(4, b"\0")[:4]
     first = struct.pack(f"{order}H", 1) + struct.pack(f"{order}HHII", 0x8769, 4, 1, 26) + bytes(4)
-    inner = struct.pack(f"{order}H", 2) + struct.pack(f"{order}HHII", 0x9003, 2, len(text), 56)
+    end = 56 + 12 * bool(zone)
+    inner = struct.pack(f"{order}H", 2 + bool(zone)) + struct.pack(f"{order}HHII", 0x9003, 2, len(text), end)
+    if zone:
+        inner += struct.pack(f"{order}HHII", 0x9011, 2, len(zone) + 1, end + len(text))
     inner += struct.pack(f"{order}HHI", 0x9291, 2, len(part) + 1) + sub + bytes(4)
     tiff = mark + struct.pack(f"{order}HI", 42, 8) + first + inner
-    body = b"Exif\0\0" + tiff.ljust(56, b"\0") + text
+    body = b"Exif\0\0" + tiff.ljust(end, b"\0") + text + zone.encode() + b"\0"
     return data[:2] + b"\xff\xe1" + struct.pack(">H", len(body) + 2) + body + data[2:]
+
+
+@pytest.mark.parametrize("zone", ["+01:00", ""])
+def test_exif_is_in_utc_if_all_cameras_state_their_zone(tmp_path: Path, zone: str) -> None:
+    for camera, own, hour, part in (("a", "+02:00", 14, "100"), ("b", zone, 13, "105")):
+        folder = tmp_path / "rec" / camera
+        folder.mkdir(parents=True)
+        for number in range(2):
+            data = with_exif(jpeg(number), f"2026:01:31 {hour}:25:3{number}", part, zone=own)
+            (folder / f"DSC_{number}.jpg").write_bytes(data)
+    options = ImportOptions(times="exif")
+    if not zone:
+        with pytest.raises(BadInputError, match=r"never meet: 3599"):
+            import_one([str(tmp_path / "rec")], tmp_path, "s", options)
+        return
+    session = import_one([str(tmp_path / "rec")], tmp_path, "s", options)
+    assert times_of(session, "b")[0] - times_of(session, "a")[0] == 5 * MS
 
 
 @pytest.mark.parametrize("order", ["<", ">"])
@@ -285,6 +305,9 @@ def test_a_time_out_of_range_is_named(at_ns: int) -> None:
         timeline_by_times("x", {"a": frames, "b": [TimedFrame(0, 0), TimedFrame(1, 1)]})
 
 
+EPOCH_NS = 1_700_000_000_000 * MS
+
+
 def write_avi(path: Path, fps: float, count: int) -> None:
     path.parent.mkdir(exist_ok=True)
     writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), fps, (32, 24))
@@ -307,6 +330,19 @@ def test_videos_of_different_rates_are_not_silently_taken_as_synchronized(
     assert "0 ns apart" not in shown
     assert "how far images of one instant are apart is not known" in shown
     assert "no times were recorded" in shown
+
+
+def test_equal_times_of_a_table_are_recorded_times(
+    tmp_path: Path, make_images: Callable[..., Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    for camera in ("cam0", "cam1"):
+        rows = [f"{EPOCH_NS + n * 50 * MS},{n}.png" for n in range(4)]
+        folder = make_images(camera, [f"{n}.png" for n in range(4)]).parent
+        (folder / camera / "data.csv").write_text("\n".join(["#timestamp [ns],filename", *rows]))
+    assert run(["sessions", "import", str(folder), "--out", str(tmp_path / "out"), "--name", "s"]) == 0
+    shown = capsys.readouterr().out
+    assert "0 ns apart by the recorded times" in shown
+    assert "no times were recorded" not in shown
 
 
 def test_a_rate_that_contradicts_the_files_is_refused_or_said(

@@ -8,7 +8,7 @@ import pytest
 from capture_app.common.errors import BadInputError
 from capture_app.companions.importing.found import describe_unused, find_calibration
 from capture_app.companions.importing.recording import ImportOptions, import_found
-from capture_app.session.importing.importer import image_cameras
+from capture_app.session.importing.importer import takes_in
 from capture_app.session.importing.recording_sources import folders_below
 from tests.imported import import_one
 from tests.unit.companions.importing.numbered_video import write_video
@@ -54,21 +54,44 @@ def test_videos_five_deep_beside_images_are_the_cameras(tmp_path: Path) -> None:
     assert "not used: stills: 3 .jpg" in said
 
 
-def test_takes_of_images_are_not_one_take(tmp_path: Path) -> None:
-    for take in ("take1", "take2"):
+def test_kinds_of_images_are_not_takes(tmp_path: Path) -> None:
+    for kind in ("depth", "rgb"):
         for camera in ("cam0", "cam1"):
-            images(tmp_path / "rec" / take / camera)
-    with pytest.raises(BadInputError, match="4 folders of images, of several takes or kinds: take1/cam0"):
-        image_cameras(tmp_path / "rec")
+            images(tmp_path / "rec" / camera / kind)
+    with pytest.raises(BadInputError, match="4 folders of images, of several takes or kinds: cam0/depth"):
+        takes_in(tmp_path / "rec")
 
 
 def test_what_is_not_used_is_one_line(tmp_path: Path, make_images: Callable[..., Path]) -> None:
     folder = make_images("left", ["0.jpg"]).parent
-    for name in ("sensor.yaml", "notes.txt", ".DS_Store", *(f"{n}.dat" for n in range(4))):
+    for name in ("sensor.txt", "notes.txt", ".DS_Store", *(f"{n}.dat" for n in range(4))):
         (folder / name).write_text("x")
     said = describe_unused(folder, [folder / "left"])
-    assert said == ["not used: notes.txt, sensor.yaml, 4 .dat"]
+    assert said == ["not used: notes.txt, sensor.txt, 4 .dat"]
     assert describe_unused(folder / "left", [folder / "left"]) == []
+
+
+def test_a_calibration_that_nobody_reads_is_named_with_what_to_do(tmp_path: Path) -> None:
+    for camera in ("cam0", "cam1"):
+        images(tmp_path / "mav0" / camera / "data")
+        (tmp_path / "mav0" / camera / "sensor.yaml").write_text("sensor_type: camera\n")
+    _, said = found(tmp_path / "mav0")
+    (line,) = (line for line in said.splitlines() if line.startswith("calibration: "))
+    assert line.startswith(
+        f"calibration: {Path('cam1', 'sensor.yaml')} is of EuRoC (intrinsics, T_BS), which is not read"
+    )
+    assert "or calibrate the session" in line
+
+
+def test_both_files_of_a_calibration_beside_are_used(tmp_path: Path) -> None:
+    for camera in ("01", "02"):
+        write_video(tmp_path / "rec" / f"{camera}.mp4", (0, 33_000, 66_000))
+    (tmp_path / "rec" / "calibration").mkdir()
+    for name in ("intri.yml", "extri.yml"):
+        (tmp_path / "rec" / "calibration" / name).write_text('%YAML:1.0\n---\nnames:\n  - "01"\n')
+    _, said = found(tmp_path / "rec")
+    assert "not used" not in said
+    assert f"calibration: {tmp_path / 'rec' / 'calibration'} is not taken: " in said
 
 
 def test_links_in_a_circle_end(tmp_path: Path) -> None:
@@ -82,13 +105,13 @@ def test_a_calibration_lies_beside_or_in_a_folder_that_says_so(tmp_path: Path) -
     for folder in ("calibration", "photos"):
         (tmp_path / folder).mkdir()
         (tmp_path / folder / "rig_config.json").touch()
-    assert find_calibration(tmp_path / "photos") == tmp_path / "photos/rig_config.json"
-    assert find_calibration(tmp_path) == tmp_path / "calibration/rig_config.json"
+    assert find_calibration(tmp_path / "photos")[0] == tmp_path / "photos/rig_config.json"
+    assert find_calibration(tmp_path)[0] == tmp_path / "calibration/rig_config.json"
     (tmp_path / "calibration/cam0-camchain.yaml").touch()
     (tmp_path / "calibration/rig_config.json").unlink()
-    assert find_calibration(tmp_path) == tmp_path / "calibration/cam0-camchain.yaml"
+    assert find_calibration(tmp_path)[0] == tmp_path / "calibration/cam0-camchain.yaml"
     (tmp_path / "rig_config.json").touch()
-    assert find_calibration(tmp_path) == tmp_path / "rig_config.json"
+    assert find_calibration(tmp_path)[0] == tmp_path / "rig_config.json"
     (tmp_path / "rig_config.json").unlink()
     (tmp_path / "calibration").rename(tmp_path / "pictures")
-    assert find_calibration(tmp_path) is None
+    assert find_calibration(tmp_path) == (None, [])

@@ -53,6 +53,10 @@ VARIANTS: dict[str, tuple[list[str], list[dict[str, str]]]] = {
         ["a/a_1.mp4", "a/a_2.mp4", "b/b_1.mp4", "b/b_3.mp4", "c/c_2.mp4", "c/c_3.mp4"],
         [{"a": "a_1", "b": "b_1"}, {"a": "a_2", "c": "c_2"}, {"b": "b_3", "c": "c_3"}],
     ),
+    "a folder of each take in each camera's": (
+        ["a/take1/video.mp4", "a/take2/video.mp4", "b/take2/video.mp4"],
+        [{"a": "video", "b": "video"}],
+    ),
     "calibration in a folder of each camera": (
         ["a/x_a.mp4", "a/calibration_images/s_a.mp4", "a/calibration_images/s_a.mov", "b/x_b.mp4"],
         [{"a": "x_a", "b": "x_b"}],
@@ -64,6 +68,10 @@ VARIANTS: dict[str, tuple[list[str], list[dict[str, str]]]] = {
     "one folder, missing at the end": (
         ["cam1_take1.mp4", "cam1_take2.mp4", "cam2_take1.mp4"],
         [{"cam1": "cam1_take1", "cam2": "cam2_take1"}],
+    ),
+    "one folder, names that ASCII has no letters for": (
+        [f"trial{t}_{c}.mp4" for t in (1, 2) for c in ("يسار", "يمين")],
+        [{c: f"trial{t}_{c}" for c in ("يسار", "يمين")} for t in (1, 2)],
     ),
     "one folder, three cameras": (
         [f"trial{t}_cam{c}.mp4" for t, c in ((1, 1), (1, 3), (2, 1), (2, 2), (2, 3))],
@@ -132,3 +140,21 @@ def test_equal_files_are_named(tmp_path: Path, capsys: pytest.CaptureFixture[str
     said = capsys.readouterr().err
     assert said.count("are equal files") == 1
     assert f"{tmp_path / 'in' / 'a.mp4'} and {tmp_path / 'in' / 'b.mp4'} are equal files" in said
+
+
+def test_folders_between_a_camera_and_its_clips_name_takes(tmp_path: Path) -> None:
+    files = [f"{camera}/{take}/video.mp4" for camera in ("cam1", "cam2") for take in ("take1", "take2")]
+    for file in files:
+        write_video(tmp_path / file, (0, 33_000, 66_000))
+    shoots, _ = find_shoots(tmp_path)
+    assert [(take, {clip.path.parent.name for clip in clips.values()}) for take, clips in shoots] == [
+        ("take1", {"take1"}),
+        ("take2", {"take2"}),
+    ]
+
+
+def test_clips_of_one_name_are_called_like_their_folders(tmp_path: Path) -> None:
+    for take, camera in (("walk", "🔴"), ("walk", "🔵"), ("run", "🔴"), ("run", "🔵")):
+        write_video(tmp_path / take / camera / "video.mp4", (0, 33_000, 66_000))
+    shoots, _ = find_shoots(tmp_path)
+    assert [(take, [*clips]) for take, clips in shoots] == [("run", ["🔴", "🔵"]), ("walk", ["🔴", "🔵"])]

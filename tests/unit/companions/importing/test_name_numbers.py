@@ -58,6 +58,14 @@ def test_names_without_a_common_number_are_paired_by_place_and_this_is_said(
         ({"a": ["1", "2"], "b": ["1", "2_3"]}, None),
         ({"a": ["1_5", "2_6"], "b": ["3_7", "4_8"]}, {"a": [0, 1], "b": [2, 3]}),
         ({"a": ["1", "2"], "b": ["3", "4"]}, {"a": [1, 2], "b": [3, 4]}),
+        # A number that changes for one camera counts for all whose names are alike.
+        ({"a": ["1_58", "1_59"], "b": ["1_59", "2_0"]}, {"a": [0, 1], "b": [1, 2]}),
+        # Two numbers may each be the one that counts.
+        ({"a": ["5", "6"], "b": ["1_5", "2_6"]}, None),
+        ({"a": ["1_5", "2_6"], "b": ["1_6", "2_5"]}, None),
+        # The number of a single image may be its camera's.
+        ({"a": ["1"], "b": ["2"]}, None),
+        ({"a": ["1_5", "2_9"]}, {"a": [0, 1]}),
         ({"a": ["1_5", "2_6"], "b": ["2_6", "3_8"]}, {"a": [0, 1], "b": [1, 2]}),
     ],
 )

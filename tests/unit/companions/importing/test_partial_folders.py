@@ -5,6 +5,8 @@ from dataclasses import replace
 from itertools import product
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
 
 from capture_app.cli import run
@@ -91,19 +93,24 @@ def test_images_of_several_cameras_in_one_folder(
     session = imported(tmp_path / "in", "--fps", "30")
     assert [camera.name[-1] for camera in session.manifest.cameras] == ["L", "R"]
     assert [len(images) for images in session.images_by_instant()] == [2, 2, 2]
-    assert "3 images of" in capsys.readouterr().err
+    assert "R; 3 instants" in capsys.readouterr().err
 
 
-def test_folders_with_images_of_several_cameras_are_no_cameras(
+def test_folders_with_images_of_several_cameras_are_takes(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """calib_imgs/1 and calib_imgs/2, each with left and right (sourishg/stereo-calibration)."""
     for take, number, side in product("12", range(3), ("left", "right")):
         (tmp_path / "in" / take).mkdir(parents=True, exist_ok=True)
         (tmp_path / "in" / take / f"{side}{number}.jpg").write_bytes(jpeg(number))
-    talk = refused(tmp_path / "in", capsys)
-    assert "folders with images of several cameras" in talk
-    assert f"capture-app sessions import {tmp_path / 'in' / '1'}" in talk
+    assert (
+        run(["sessions", "import", str(tmp_path / "in"), "--fps", "30", "--out", str(tmp_path / "out")]) == 0
+    )
+    for take in "12":
+        session = Session.open(tmp_path / "out" / f"in-{take}")
+        assert [camera.name for camera in session.manifest.cameras] == ["left", "right"]
+        assert [len(images) for images in session.images_by_instant()] == [2, 2, 2]
+    assert "camera = left, right; take = 1, 2; 3 instants" in capsys.readouterr().err
 
 
 def test_a_file_whose_name_is_no_camera_name_gets_one_like_it(tmp_path: Path) -> None:
@@ -135,3 +142,36 @@ def test_a_link_out_of_the_folder_is_followed_and_said(
         f"1 link out of the folder followed, such as {tmp_path / 'in' / 'a' / '2.jpg'} to {private}" in said
     )
     assert said.count("followed") == 1
+
+
+@pytest.mark.parametrize(
+    ("name", "advice"),
+    [
+        ("IMG_0001.HEIC", "heif-convert"),
+        ("a.gif", "ffmpeg -i"),
+        ("bag_0.mcap", "capture-app sessions import"),
+        ("bag_0.db3", "ros2 bag reindex"),
+        ("notes.txt", "it needs a subfolder of images"),
+    ],
+)
+def test_what_is_not_read_is_named_with_what_to_do(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str, advice: str
+) -> None:
+    (tmp_path / "in").mkdir()
+    (tmp_path / "in" / name).write_bytes(b"x")
+    said = refused(tmp_path / "in", capsys)
+    assert "no cameras in" in said
+    assert advice in said
+    assert (name in said) == (name != "notes.txt")
+
+
+def test_what_a_tiff_has_besides_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    pages = [np.full((12, 16), 4000, np.uint16), np.zeros((12, 16), np.uint16)]
+    for camera, kept in (("a", pages), ("b", [page.astype(np.uint8) for page in pages[:1]])):
+        (tmp_path / "in" / camera).mkdir(parents=True)
+        cv2.imwritemulti(str(tmp_path / "in" / camera / "0.tiff"), kept)
+    imported(tmp_path / "in", "--fps", "30")
+    said = capsys.readouterr().err
+    assert "a: 0.tiff has 2 pages, of which the first is imported" in said
+    assert "a: 0.tiff has 16 bits, of which 12 are used" in said
+    assert "b: 0.tiff" not in said

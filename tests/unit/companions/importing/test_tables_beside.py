@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from capture_app.cli import run
-from capture_app.common.errors import ExitCode
+from capture_app.common.errors import BadInputError, ExitCode
 from capture_app.session.format.common_times import CommonTimes
 from capture_app.session.reading.reader import Session
 from tests.unit.companions.importing.numbered_video import imported, numbers_of, write_video
@@ -67,6 +67,15 @@ def test_dates_of_each_camera_are_taken(tmp_path: Path, files: Sequence[str]) ->
     assert numbers_of(session) == LATE
 
 
+@pytest.mark.parametrize("form", ["{}.csv", "{}_ts.csv", "{}-frame times.csv", "{}.metadata.csv"])
+def test_names_that_end_like_those_of_tables_are_cameras(tmp_path: Path, form: str) -> None:
+    clips(tmp_path / "rec", ("links", "rechts"))
+    for name, late_s in (("links", 0), ("rechts", 0.101)):
+        (tmp_path / "rec" / form.format(name)).write_text(rows(EPOCH_S + late_s))
+    session, _ = imported(tmp_path / "rec")
+    assert common(session).state == "recorded"
+
+
 @pytest.mark.parametrize("file", ["frames.csv", "video.csv"])
 def test_a_table_in_each_cameras_folder_is_taken(tmp_path: Path, file: str) -> None:
     for name, late_s in (("a", 0), ("b", 0.101)):
@@ -121,3 +130,61 @@ def test_images_have_the_times_that_a_table_gives_their_names(tmp_path: Path, ma
     session, said = imported(tmp_path / "recording")
     assert "times: data.csv, data.csv, 4 of 4 frames" in said
     assert (common(session).state, len(session.manifest.burst.instants_ns)) == ("recorded", 5)
+
+
+@pytest.mark.parametrize("lost", [None, 2])
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-16"])
+def test_rows_of_kitti_belong_to_the_numbers_of_pictures(
+    tmp_path: Path, make_images: object, lost: int | None, encoding: str
+) -> None:
+    """https://www.cvlibs.net/datasets/kitti/raw_data.php: data/0000000000.png, a row more than these."""
+    for camera, late_ms in (("image_00", 0), ("image_01", 7)):
+        names = [f"{n:010}.png" for n in range(5) if n != lost or camera == "image_00"]
+        make_images(f"{camera}/data", names)  # type: ignore[operator]
+        rows = [f"2011-09-26 13:02:25.{100 * n + late_ms:03}000000" for n in range(6)]
+        table = tmp_path / "recording" / camera / "timestamps.txt"
+        table.write_text("\n".join(rows), encoding=encoding)
+    session, _ = imported(tmp_path / "recording")
+    assert common(session).state == "recorded"
+    times_ns = [image.leader_ns % 10**9 for image in session.manifest.images if image.camera == "image_01"]
+    assert times_ns == [(100 * n + 7) * 10**6 for n in range(5) if n != lost]
+    assert [len(images) for images in session.images_by_instant()] == [2 - (n == lost) for n in range(5)]
+
+
+def test_rows_of_pictures_that_count_from_another_number_are_not_guessed(
+    tmp_path: Path, make_images: object
+) -> None:
+    for camera in ("a", "b"):
+        make_images(camera, [f"{n:06}.png" for n in range(1, 5)])  # type: ignore[operator]
+        rows = [f"2026-01-31 13:02:25.{n}00" for n in range(6)]
+        (tmp_path / "recording" / camera / "times.txt").write_text("\n".join(rows))
+    session, _ = imported(tmp_path / "recording", fps=30.0)
+    assert common(session).state == "given"
+    with pytest.raises(BadInputError, match="have no times"):
+        imported(tmp_path / "recording")
+
+
+@pytest.mark.parametrize("count", [4, 3])
+def test_one_table_of_kittis_odometry_is_of_all_cameras(
+    tmp_path: Path, make_images: object, count: int
+) -> None:
+    for camera in ("image_0", "image_1"):
+        make_images(camera, [f"{n:06}.png" for n in range(4)])  # type: ignore[operator]
+    times = [f"{0.1036 * n:.6e}" for n in range(count)]
+    (tmp_path / "recording" / "times.txt").write_text("\n".join(times))
+    if count < 4:
+        with pytest.raises(BadInputError, match="have no times"):
+            imported(tmp_path / "recording")
+        return
+    session, said = imported(tmp_path / "recording")
+    assert common(session).state == "recorded"
+    assert "times: times.txt, 4 of 4 frames" in said
+    assert session.manifest.burst.instants_ns[-1] == round(3 * 103.6e6)
+
+
+def test_a_cameras_own_table_is_not_of_all_cameras(tmp_path: Path, make_images: object) -> None:
+    for camera in ("image_0", "image_1"):
+        make_images(camera, [f"{n:06}.png" for n in range(4)])  # type: ignore[operator]
+    (tmp_path / "recording" / "image_0" / "times.txt").write_text("\n".join(f"0.{n}" for n in range(4)))
+    with pytest.raises(BadInputError, match="have no times"):
+        imported(tmp_path / "recording")

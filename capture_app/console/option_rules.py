@@ -29,7 +29,12 @@ class RuledCommand(click.Command):
 
     def __init__(self, *args: Any, rules: Sequence[Rule] = (), **settings: Any) -> None:
         super().__init__(*args, **settings)
-        self.rules = rules
+        self._rules = rules
+
+    @property
+    def rules(self) -> Sequence[Rule]:
+        """Rules of its options."""
+        return self._rules
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Parse a command line. Raises UsageError for an option without effect."""
@@ -88,7 +93,8 @@ class _Typed:
         value = None if param is None else self._ctx.params.get(param.name or "", True)
         if values:
             holds = any(
-                str(each) in values.split("|") for each in (value if isinstance(value, tuple) else (value,))
+                str(each).casefold().removesuffix(".0") in values.split("|")
+                for each in (value if isinstance(value, tuple) else (value,))
             )
         else:
             holds = self._is_given(name) and value is not False

@@ -41,6 +41,7 @@ _FROM_BOARD = "--from=board|charuco"
     rules=(
         Rule("--coverage", _FROM_BOARD),
         Rule(_BOARD, f"{_FROM_BOARD} --ground --scale-by-board"),
+        Rule("--marker-mm", "!--dictionary=none", ": it has no markers"),
         Rule("--recording", f"{_FROM_BOARD} --scale-by-board"),
         Rule("--lens-recording", _FROM_BOARD),
         Rule("--lens", "--from=sfm|board|charuco"),

@@ -1,11 +1,13 @@
 """`reconstruct compare` and `reconstruct tolerance`."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import click
 
 from capture_app.common.instants import COMPARED_MS
+from capture_app.console.option_rules import Rule, RuledCommand
 from capture_app.console.terminal import FiniteRange, answer, json_option
 from capture_app.console.usage import examples
 from reconstruction.commands import command_options
@@ -21,8 +23,18 @@ def _refuse_synced(
     return value
 
 
-class _CompareCommand(click.Command):
+class _CompareCommand(RuledCommand):
     """Command with an option to choose studies, and the options of all installed studies."""
+
+    @property
+    def rules(self) -> Sequence[Rule]:
+        """Return a rule for the options of each study: with --study, it or one that needs it must be made."""
+        return [
+            Rule(" ".join(option.opts[0] for option in options), f"!--study --study={'|'.join(studies)}")
+            for kind in scored()
+            if (options := [*command_options.click_options(kind)])
+            and (studies := [kind.name, *(one.name for one in scored() if kind.name in one.needs)])
+        ]
 
     def get_params(self, ctx: click.Context) -> list[click.Parameter]:
         """Return the options; the methods describe them, without the studies that take long to load."""

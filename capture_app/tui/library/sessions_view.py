@@ -44,7 +44,7 @@ from capture_app.tui.jobs.run import (
 from capture_app.tui.jobs.runs import Runs
 from capture_app.tui.library.session_rows import ORDERS, Entry, Order, SessionRows, TakePane, arrange
 from capture_app.tui.mode import ModeView
-from capture_app.tui.question import ListQuestion, TextQuestion, explain_verdict
+from capture_app.tui.question import Answer, ListQuestion, Question, TextQuestion, explain_verdict
 from capture_app.tui.rig_record import RecordChanged, SessionMoved, showing_errors
 from capture_app.tui.screen_settings import Settings
 from capture_app.tui.widgets.lines import Lines, write_border
@@ -379,6 +379,11 @@ class SessionsView(ModeView):
                     title=command.title,
                 )
             )
+            if options is not None and command.would_replace(folder, options):
+                text = f"{entry.card.name} has a calibration, its own or one that it inherited from its rig."
+                answers = [Answer("keep", "k", "Keep it"), Answer("replace", "r", "Replace it")]
+                answer = await self.app.push_screen_wait(Question(text, answers, title=command.title))
+                options = f"{options} --replace" if answer == "replace" else None
             if options is not None and (run := self._start(command, entry, options)) is not None:
                 await self._open_at_end(run)
 

@@ -58,7 +58,7 @@ def controls(save: Path | None, leader: Address, as_json: bool) -> None:
 @click.command(
     "set",
     cls=RuledCommand,
-    rules=(Rule("", "values --profile"), Rule("--profile", "!values")),
+    rules=(Rule("", "values --profile", ", as in exposure=4000"), Rule("--profile", "!values")),
     epilog=examples(
         "capture-app cameras set exposure=4000 gain=2 --camera cam1",
         "capture-app cameras set exposure=auto white-balance=auto",

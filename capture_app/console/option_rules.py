@@ -1,6 +1,6 @@
 """Rules of a command: beside which other options an option has an effect; checked before the command runs."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import click
@@ -29,82 +29,52 @@ class RuledCommand(click.Command):
 
     def __init__(self, *args: Any, rules: Sequence[Rule] = (), **settings: Any) -> None:
         super().__init__(*args, **settings)
-        self._rules = rules
-
-    @property
-    def rules(self) -> Sequence[Rule]:
-        """Rules of its options."""
-        return self._rules
+        self.rules = rules
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Parse a command line. Raises UsageError for an option without effect."""
         rest = super().parse_args(ctx, args)
-        if not ctx.resilient_parsing and self.rules:
-            typed = _Typed(ctx)
-            for rule, _ in typed.broken(self.rules):
-                typed.choose(rule.alternatives.split()[0])
-            for rule, name in typed.broken(self.rules):
-                raise click.UsageError(typed.sentence(rule, name), ctx)
+        named = {name: param for param in self.get_params(ctx) for name in param.opts}
+        # A rule that may choose a value stands before the others about this value.
+        for rule in () if ctx.resilient_parsing else self.rules:
+            typed = [name for name in rule.options.split() if _is_given(ctx, named.get(name))]
+            ways = rule.alternatives.split()
+            if (typed or not rule.options) and not any(_holds(ctx, named, way) for way in ways):
+                name, _, values = ways[0].partition("=")
+                if not values or name[0] == "!" or _is_given(ctx, named.get(name)):
+                    raise click.UsageError(_sentence(rule, "".join(typed[:1])), ctx)
+                ctx.params[named[name].name or ""] = values.partition("|")[0]
         return rest
 
 
-class _Typed:
-    """What was typed of a command line, by the names of options and arguments."""
+def _is_given(ctx: click.Context, param: click.Parameter | None) -> bool:
+    return param is not None and ctx.get_parameter_source(param.name or "") is ParameterSource.COMMANDLINE
 
-    def __init__(self, ctx: click.Context) -> None:
-        self._ctx = ctx
-        self._params = {name: param for param in ctx.command.get_params(ctx) for name in param.opts}
 
-    def broken(self, rules: Sequence[Rule]) -> Iterator[tuple[Rule, str]]:
-        """Yield each rule that does not hold, with the option that was typed."""
-        for rule in rules:
-            typed = [name for name in rule.options.split() if self._is_given(name)]
-            if (typed or not rule.options) and not any(map(self._holds, rule.alternatives.split())):
-                yield rule, "".join(typed[:1])
+def _holds(ctx: click.Context, named: Mapping[str, click.Parameter], way: str) -> bool:
+    name, _, values = way.lstrip("!").partition("=")
+    value = ctx.params.get(getattr(named.get(name), "name", ""), True)
+    texts = {str(one).casefold().removesuffix(".0") for one in (value if type(value) is tuple else [value])}
+    return (
+        not texts.isdisjoint(values.split("|"))
+        if values
+        else _is_given(ctx, named.get(name)) and value is not False
+    ) is not way.startswith("!")
 
-    def choose(self, alternative: str) -> None:
-        """Take the value of an alternative, unless its option is given."""
-        name, _, values = alternative.partition("=")
-        if values and name in self._params and not self._is_given(name):
-            self._ctx.params[self._params[name].name or ""] = values.partition("|")[0]
 
-    def sentence(self, rule: Rule, typed: str) -> str:
-        """Return the error of a broken rule."""
-        ways = rule.alternatives.split()
-        without = _either([self._words(way[1:]) for way in ways if way[0] == "!"])
-        beside = _either([self._words(way) for way in ways if way[0] != "!"])
-        if not typed:
-            return f"give {beside}{rule.hint}"
-        if not without:
-            return f"{typed} needs {beside}{rule.hint}"
-        return f"{typed} does not work with {without}{beside and f', except with {beside}'}{rule.hint}"
+def _sentence(rule: Rule, typed: str) -> str:
+    """Return the error of a broken rule, of which the option `typed` was given."""
+    ways = rule.alternatives.split()
+    without = _either([_words(way[1:]) for way in ways if way[0] == "!"])
+    beside = _either([_words(way) for way in ways if way[0] != "!"])
+    needs = f"{typed} needs {beside}" if typed else f"give {beside}"
+    refuses = f"{typed} does not work with {without}{beside and f', except with {beside}'}"
+    return f"{refuses if without else needs}{rule.hint}"
 
-    def _is_given(self, name: str) -> bool:
-        param = self._params.get(name)
-        # Of a flag, its opposite is given, too; a function may be the source of a default.
-        return param is not None and self._ctx.get_parameter_source(param.name or "") in (
-            ParameterSource.COMMANDLINE,
-            ParameterSource.ENVIRONMENT,
-        )
 
-    def _holds(self, alternative: str) -> bool:
-        name, _, values = alternative.lstrip("!").partition("=")
-        param = self._params.get(name)
-        value = None if param is None else self._ctx.params.get(param.name or "", True)
-        if values:
-            holds = any(
-                str(each).casefold().removesuffix(".0") in values.split("|")
-                for each in (value if isinstance(value, tuple) else (value,))
-            )
-        else:
-            holds = self._is_given(name) and value is not False
-        return holds is not alternative.startswith("!")
-
-    def _words(self, alternative: str) -> str:
-        name, _, values = alternative.partition("=")
-        param = self._params.get(name)
-        label = param.human_readable_name if isinstance(param, click.Argument) else name
-        return f"{label} {_either(values.split('|'))}".strip()
+def _words(way: str) -> str:
+    name, _, values = way.partition("=")
+    return f"{name if name[0] == '-' else name.upper()} {_either(values.split('|'))}".strip()
 
 
 def _either(words: Sequence[str]) -> str:

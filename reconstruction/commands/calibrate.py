@@ -32,7 +32,6 @@ def _parse_mark(text: str) -> Mark:
     return name, ((x1, y1), (x2, y2))
 
 
-_BOARD = "--board --square-mm --marker-mm --dictionary"
 _FROM_BOARD = "--from=board|charuco"
 
 
@@ -40,7 +39,7 @@ _FROM_BOARD = "--from=board|charuco"
     cls=RuledCommand,
     rules=(
         Rule("--coverage", _FROM_BOARD),
-        Rule(_BOARD, f"{_FROM_BOARD} --ground --scale-by-board"),
+        Rule("--board --square-mm --marker-mm --dictionary", f"{_FROM_BOARD} --ground --scale-by-board"),
         Rule("--marker-mm", "!--dictionary=none", ": it has no markers"),
         Rule("--recording", f"{_FROM_BOARD} --scale-by-board"),
         Rule("--lens-recording", _FROM_BOARD),

@@ -1,6 +1,5 @@
 """`reconstruct compare` and `reconstruct tolerance`."""
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -26,16 +25,6 @@ def _refuse_synced(
 class _CompareCommand(RuledCommand):
     """Command with an option to choose studies, and the options of all installed studies."""
 
-    @property
-    def rules(self) -> Sequence[Rule]:
-        """Return a rule for the options of each study: with --study, it or one that needs it must be made."""
-        return [
-            Rule(" ".join(option.opts[0] for option in options), f"!--study --study={'|'.join(studies)}")
-            for kind in scored()
-            if (options := [*command_options.click_options(kind)])
-            and (studies := [kind.name, *(one.name for one in scored() if kind.name in one.needs)])
-        ]
-
     def get_params(self, ctx: click.Context) -> list[click.Parameter]:
         """Return the options; the methods describe them, without the studies that take long to load."""
         chosen = click.Option(
@@ -46,6 +35,13 @@ class _CompareCommand(RuledCommand):
             help="Make only this study and the studies it needs. Repeat for several.",
         )
         own = [option for options in scored() for option in command_options.click_options(options)]
+        # With --study, the options of a study play a part if it, or one that needs it, is made.
+        self.rules = [
+            Rule(" ".join(option.opts[0] for option in options), f"!--study --study={'|'.join(studies)}")
+            for kind in scored()
+            if (options := [*command_options.click_options(kind)])
+            and (studies := [kind.name, *(one.name for one in scored() if kind.name in one.needs)])
+        ]
         params = super().get_params(ctx)
         out = [param.name for param in params].index("out")
         return [*params[:out], chosen, *own, *params[out:]]

@@ -74,8 +74,11 @@ class Command:
 
     def would_replace(self, session: Path, options: str) -> bool:
         """Whether it needs --replace, because the session has the file that it writes."""
-        excluded = {"--replace", "--coverage", "session"} & set(options.split())
-        return bool(self.replaces) and not excluded and (session / self.replaces).exists()
+        return (
+            bool(self.replaces)
+            and {"--replace", "--coverage", "session"}.isdisjoint(options.split())
+            and (session / self.replaces).exists()
+        )
 
     def line(self, session: Path, out: Path | None, options: str) -> str:
         """Return the equivalent command line."""

@@ -25,6 +25,7 @@ from capture_app.common.errors import NotAvailableError
 from capture_app.common.passwords import hide_password
 from capture_app.common.plugins import COMMANDS as PLUGIN_COMMANDS
 from capture_app.common.plugins import load_plugin, load_plugins, plugin_names
+from capture_app.console.option_rules import Rule, RuledCommand
 from capture_app.console.terminal import run_command_line, talk
 from capture_app.console.usage import add_verbosity, examples
 
@@ -49,7 +50,7 @@ MODULES = {"burst": "take", "record": "take"}
 """Modules of `commands` whose name differs from the command's."""
 
 
-class LazyGroup(click.Group):
+class LazyGroup(RuledCommand, click.Group):
     """Group of the commands, which imports one when it runs or completes."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
@@ -80,6 +81,7 @@ class LazyGroup(click.Group):
 
 @click.group(
     cls=LazyGroup,
+    rules=(Rule("--host --port --camera", "!--leader", ": they are of a rig of this machine"),),
     invoke_without_command=True,
     epilog=examples(
         "capture-app",
@@ -139,8 +141,6 @@ def app(
                 f"--{given[0]} belongs after the command {ctx.invoked_subcommand}, if it has it"
             )
         return
-    if leader is not None and (clash := [name for name in ("host", "port", "cameras") if name in given]):
-        raise click.UsageError(f"--{clash[0]} applies to a rig of this machine, not to --leader")
     in_browser = "TEXTUAL_DRIVER" in os.environ
     if not in_browser and not (sys.stdin.isatty() and sys.stdout.isatty()):
         raise NotAvailableError(

@@ -12,6 +12,7 @@ from capture_app.common.address import Address
 from capture_app.common.errors import IncompleteError, NotApplicableError
 from capture_app.common.plugins import load_plugin, load_plugins, plugin_names
 from capture_app.common.templates import render_rows
+from capture_app.console.option_rules import Rule, RuledCommand
 from capture_app.console.terminal import answer, json_option, table, talk
 from capture_app.console.usage import examples
 
@@ -40,6 +41,11 @@ def _by_plugins(command: F) -> F:
 
 @click.command(
     NAME,
+    cls=RuledCommand,
+    rules=(
+        Rule("--light", "!--session", ": a take decides by what it shows"),
+        *(Rule("--light", f"!--{name}") for name in plugin_names(MEASURES)),
+    ),
     epilog=examples(
         "capture-app cameras calibrate-time",
         "capture-app cameras calibrate-time --light",

@@ -16,6 +16,7 @@ from capture_app.common.errors import BadInputError
 from capture_app.common.plugins import CAMERA_COMMANDS, load_plugins
 from capture_app.common.templates import render_rows
 from capture_app.common.text import UNREADABLE, megabytes, pretty_json
+from capture_app.console.option_rules import Rule, RuledCommand
 from capture_app.console.terminal import answer, json_option, table, talk
 from capture_app.console.usage import examples, write_plugins
 from capture_app.session.files.durable import write_atomic
@@ -56,6 +57,8 @@ def controls(save: Path | None, leader: Address, as_json: bool) -> None:
 
 @click.command(
     "set",
+    cls=RuledCommand,
+    rules=(Rule("", "values --profile", ", as in exposure=4000"), Rule("--profile", "!values")),
     epilog=examples(
         "capture-app cameras set exposure=4000 gain=2 --camera cam1",
         "capture-app cameras set exposure=auto white-balance=auto",
@@ -81,8 +84,6 @@ def set_command(
     """
     from capture_app.rig.rig_link import set_cameras
 
-    if bool(values) == (profile is not None):
-        raise click.UsageError("give CONTROL=VALUE, or --profile FILE")
     if profile is None:
         states = asyncio.run(set_cameras(leader, dict(_parse_setting(value) for value in values), cameras))
     else:
@@ -215,7 +216,14 @@ for _command in (
 
 
 @cameras.command(
-    epilog=examples("capture-app cameras add v4l2:/dev/video0", "capture-app cameras add --simulated 5")
+    cls=RuledCommand,
+    rules=(
+        Rule("", "spec --simulated", ": capture-app cameras lists each SPEC"),
+        Rule("--simulated", "!spec"),
+        Rule("--name", "!--simulated", ": it names one camera"),
+        Rule("--scene", "--simulated"),
+    ),
+    epilog=examples("capture-app cameras add v4l2:/dev/video0", "capture-app cameras add --simulated 5"),
 )
 @click.argument("spec", required=False)
 @click.option("--name", metavar="NAME", show_default="after the device", help="Name of the camera.")
@@ -236,10 +244,6 @@ def add(
     from capture_app.protocol.orders import AddCamera, AddSimulated, Order
     from capture_app.rig.rig_link import give_order
 
-    if (spec is None) == (simulated is None):
-        raise click.UsageError("give a camera's SPEC, as listed by capture-app cameras, or --simulated N")
-    if spec is None and name is not None:
-        raise click.UsageError("--name is for one camera, not with --simulated")
     order: Order = (
         AddSimulated(cameras=simulated or 1, scene=scene)
         if spec is None

@@ -14,6 +14,7 @@ from capture_app.board.boards import board_options
 from capture_app.commands.shared_options import leader_option, run_until_stopped
 from capture_app.common.address import Address
 from capture_app.common.errors import IncompleteError
+from capture_app.console.option_rules import Rule, RuledCommand
 from capture_app.console.terminal import FiniteRange, json_option, print_json_line, print_line, talk
 from capture_app.console.usage import examples
 
@@ -25,7 +26,9 @@ if TYPE_CHECKING:
 
 
 @click.command(
-    epilog=examples("capture-app coverage", "capture-app coverage --square-mm 34.6 --leader 192.168.1.20")
+    cls=RuledCommand,
+    rules=(Rule("--marker-mm", "!--dictionary=none", ": it has no markers"),),
+    epilog=examples("capture-app coverage", "capture-app coverage --square-mm 34.6 --leader 192.168.1.20"),
 )
 @board_options
 @click.option(

@@ -15,6 +15,7 @@ from capture_app.common.address import Address
 from capture_app.common.errors import SimulshotError
 from capture_app.common.plugins import CAMERA_COMMANDS, COMMANDS, plugin_names
 from capture_app.common.text import UNREADABLE, count, pretty_json
+from capture_app.console.option_rules import Rule, RuledCommand
 from capture_app.console.terminal import answer, json_option, talk
 from capture_app.console.usage import examples
 from capture_app.session.files.durable import write_atomic
@@ -24,11 +25,13 @@ if TYPE_CHECKING:
 
 
 @click.command(
+    cls=RuledCommand,
+    rules=(Rule("--camera --panel", "--report"),),
     epilog=examples(
         "capture-app doctor",
         "capture-app doctor --leader 192.168.1.20",
         "capture-app doctor --report report.json",
-    )
+    ),
 )
 @click.option(
     "--leader",
@@ -78,8 +81,6 @@ def doctor(
     from capture_app.machine.doctor import examine
     from capture_app.rig.process import list_rigs
 
-    if report is None and (specs or panel is not None):
-        raise click.UsageError("--camera and --panel require --report")
     rigs = [(rig.address, Path(rig.sessions)) for rig in list_rigs()]
     if not as_json:
         talk("checking this machine …")

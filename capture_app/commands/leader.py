@@ -31,6 +31,7 @@ from capture_app.common.pairing_codes import Role, show_code
 from capture_app.common.plugins import COMMANDS, plugin_names
 from capture_app.common.stagger import Stagger
 from capture_app.common.tasks import first_of, has_come
+from capture_app.console.option_rules import Rule, RuledCommand
 from capture_app.console.terminal import FiniteRange, json_option, log_line, print_json_line, talk
 from capture_app.console.usage import examples
 
@@ -39,9 +40,11 @@ if TYPE_CHECKING:
 
 
 @click.command(
+    cls=RuledCommand,
+    rules=(Rule("--camera", "!--leader", ": run the camera with capture-app node and all --leader"),),
     epilog=examples(
         "capture-app leader", "capture-app leader --camera v4l2:/dev/video0 --sessions ~/sessions"
-    )
+    ),
 )
 @host_option
 @port_option
@@ -134,10 +137,6 @@ def leader(
             spool=spool,
         )
 
-    if leaders and cameras:
-        raise click.UsageError(
-            "--camera cannot be used with --leader: run the camera with capture-app node and all --leader"
-        )
     run = functools.partial(
         _run_leader,
         among=leaders,

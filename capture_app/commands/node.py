@@ -21,11 +21,14 @@ from capture_app.common import system
 from capture_app.common.address import Address
 from capture_app.common.clock import parse_clock
 from capture_app.common.names import check_label, folder_names, name_like
+from capture_app.console.option_rules import Rule, RuledCommand
 from capture_app.console.terminal import FiniteRange, log_line, print_line, talk
 from capture_app.console.usage import examples
 
 
 @click.command(
+    cls=RuledCommand,
+    rules=(Rule("--yes", "--at-boot"),),
     epilog=examples(
         "capture-app node --camera v4l2:/dev/video0",
         "capture-app node --camera webcam:0",
@@ -33,7 +36,7 @@ from capture_app.console.usage import examples
         "capture-app node --camera v4l2:/dev/video0,sound=own",
         "capture-app node --camera v4l2:/dev/video2 --name left --leader 192.168.1.20",
         "capture-app node --camera v4l2:/dev/video0 --leader 192.168.1.20 --at-boot",
-    )
+    ),
 )
 @name_option("Name of this node and its camera; several are named NAME-DEVICE.", check_label)
 @click.option(

@@ -10,12 +10,15 @@ import click
 from capture_app.commands.shared_options import leader_option
 from capture_app.common.address import Address
 from capture_app.common.errors import IncompleteError, NetworkError, SimulshotError
+from capture_app.console.option_rules import Rule, RuledCommand
 from capture_app.console.terminal import FiniteRange, answer, json_option
 from capture_app.console.usage import examples
 
 
 @click.command(
-    epilog=examples("capture-app preview cam0", "capture-app preview cam0 --width 1280 --out view.jpg")
+    cls=RuledCommand,
+    rules=(Rule("--width", "!--depth"),),
+    epilog=examples("capture-app preview cam0", "capture-app preview cam0 --width 1280 --out view.jpg"),
 )
 @click.argument("camera")
 @click.option(

@@ -11,6 +11,7 @@ from capture_app.common.address import DEFAULT_PORT, Address
 from capture_app.common.errors import BadInputError
 from capture_app.common.templates import render_lines
 from capture_app.common.text import count
+from capture_app.console.option_rules import Rule, RuledCommand
 from capture_app.console.terminal import (
     FiniteRange,
     answer,
@@ -117,9 +118,11 @@ def empty(root: Path, yes: bool, as_json: bool) -> None:
 
 
 @click.command(
+    cls=RuledCommand,
+    rules=(Rule("--listen", "!--wait-s=0", ": no node is waited for"),),
     epilog=examples(
         "capture-app sessions repair sessions/burst-001", "capture-app sessions repair sessions --wait-s 0"
-    )
+    ),
 )
 @click.argument("path", metavar="SESSION|ROOT", type=ANY_PATH)
 @click.option(

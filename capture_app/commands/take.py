@@ -16,6 +16,7 @@ from capture_app.common.errors import IncompleteError, NoCameraHereError
 from capture_app.common.take_limits import LIMITS
 from capture_app.common.tasks import end
 from capture_app.common.text import count
+from capture_app.console.option_rules import Rule, RuledCommand
 from capture_app.console.terminal import FiniteRange, answer, json_option, print_json, print_line, talk
 from capture_app.console.usage import examples
 
@@ -172,13 +173,24 @@ def require_whole(ended: "TakeEnd", max_missing_pct: float = 0.0) -> None:
 
 
 @click.command(
+    cls=RuledCommand,
+    rules=(
+        Rule("--every", "--repeat"),
+        Rule("--spacing", "!--interval-s"),
+        Rule("--min-nodes", "--wait-s"),
+        Rule(
+            "--frames --spacing --interval-s --spare --before --name --repeat --every --on-motion --wait-s "
+            "--min-nodes",
+            "!--cancel",
+        ),
+    ),
     epilog=examples(
         "capture-app burst",
         "capture-app burst --frames 30 --name jump --wait-s 20",
         "capture-app burst --frames 360 --interval-s 10 --name clouds",
         "capture-app burst --leader 192.168.1.20 --repeat 10 --every 60 --json",
         "capture-app burst --on-motion --frames 30 --before 15 --repeat 100 --every 20 --name deer",
-    )
+    ),
 )
 @leader_option
 @click.option(
@@ -263,13 +275,19 @@ def burst(
 
 
 @click.command(
+    cls=RuledCommand,
+    rules=(
+        Rule("--min-nodes", "--wait-s"),
+        Rule("--max-missing", "!--detach", ": it returns before a frame can be missing"),
+        Rule("--seconds --fps --name --max-missing --detach --wait-s --min-nodes", "!--stop"),
+    ),
     epilog=examples(
         "capture-app record --seconds 20",
         "capture-app record --name dance",
         "capture-app record --detach",
         "capture-app record --stop",
         "capture-app record --fps 0.1 --seconds 3600 --name clouds",
-    )
+    ),
 )
 @leader_option
 @click.option(

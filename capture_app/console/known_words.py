@@ -15,7 +15,7 @@ _COMMANDS = {
         "capture-app rig start": "start up run launch",
         "capture-app rig stop": "stop down quit kill shutdown end",
         "capture-app rig list": "ps rigs",
-        "capture-app": "ui tui gui screen app open",
+        "capture-app": "ui tui gui screen app open play",
         "capture-app serve": "web browser",
         "capture-app leader": "server master host main controller serve-rig",
         "capture-app node --camera SPEC": "client slave join connect worker agent attach",
@@ -25,19 +25,22 @@ _COMMANDS = {
         "capture-app sessions list": "ls list takes library history",
         "capture-app sessions trash SESSION": "delete rm remove del",
         "capture-app sessions export SESSION": "convert to",
+        "capture-app demo": "simulate sim simulated simulation fake",
         "capture-app sessions show SESSION": "inspect describe probe",
         "capture-app status": "info stats state health sync synchronize",
         "capture-app doctor": "check diagnose test",
+        "capture-app, installed again as at first": "update upgrade install",
         "capture-app phones": "phone mobile android ios qr",
         "capture-app monitor": "dashboard live watch",
         "capture-app --version": "version",
         "capture-app --help": "help",
         "reconstruct calibrate SESSION": "calibrate calibration calib",
         "reconstruct, a command of its own": "reconstruct",
-        "reconstruct multiview SESSION": "depth mesh pointcloud 3d multiview sfm mvs",
+        "reconstruct multiview SESSION": "depth depthmap depth-map mesh pointcloud 3d multiview sfm mvs",
         "reconstruct stereo SESSION": "stereo disparity",
         "reconstruct splat SESSION": "splat splats gsplat gaussians train 3dgs",
         "reconstruct panorama SESSION": "panorama stitch pano",
+        "reconstruct people SESSION": "people pose poses skeleton mocap joints",
         "reconstruct compare SESSION": "compare evaluate",
         "reconstruct time SESSION": "time align offset offsets",
         "reconstruct board FILE": "board charuco chessboard checkerboard",
@@ -57,14 +60,15 @@ _COMMANDS = {
         "capture-app sessions empty-trash": "purge clean prune empty",
     },
     "reconstruct": {
-        "reconstruct multiview SESSION": "depth dense mvs pointcloud point-cloud cloud fuse fusion 3d",
+        "reconstruct multiview SESSION": "depth depthmap dense mvs pointcloud point-cloud cloud fusion 3d",
         "reconstruct multiview SESSION --mesh": "mesh poisson mesher",
         "reconstruct stereo SESSION": "disparity sgbm pair",
         "reconstruct calibrate SESSION": "sfm mapper calib calibration intrinsics extrinsics poses colmap",
         "reconstruct splat SESSION": "splats gsplat gaussian gaussians splatfacto train 3dgs nerf nerfacto",
         "reconstruct panorama SESSION": "stitch pano stitching",
-        "reconstruct view SESSION": "walk render novel-view bullet-time bullettime wiggle viewer",
+        "reconstruct view SESSION": "walk play render novel-view bullet-time bullettime wiggle viewer",
         "reconstruct time SESSION": "sync synchronize align offset offsets",
+        "reconstruct people SESSION": "pose skeleton mocap joints keypoints motion-capture human body",
         "reconstruct trajectory SESSION": "track ball path",
         "reconstruct compare SESSION": "evaluate eval quality report",
         "reconstruct board FILE": "charuco chessboard checkerboard",
@@ -96,6 +100,22 @@ _COMMANDS = {
     },
 }
 """Command lines by the group that was typed, with the words that mean them."""
+FORMATS = {
+    "otio": "premiere premiere-pro adobe resolve davinci final-cut avid editor nle",
+    "splats": "blender gltf 3dgs gsplat gaussian-splatting gaussians inria postshot brush",
+    "pose2sim": "opensim mocap",
+    "mcap": "foxglove ros",
+    "rrd": "rerun",
+    "mp4": "video videos film movie h264",
+}
+"""Formats of `sessions export`, each with the programs that read it and other words for it."""
+_ACTIONS = {
+    "capture-app theme": "dark light colour colours color colors night contrast appearance",
+    "capture-app rig add": "webcam webcams usb device devices simulated simulate sim node connect",
+    "capture-app app quit": "exit close leave",
+    "capture-app app help": "keys shortcuts",
+}
+"""Actions of the screen that are not commands, written as if they were, with other words for them."""
 _OPTIONS = (
     "--frames count n num number num-frames shots burst images vframes",
     "--count n num frames number max-frames vframes",
@@ -137,6 +157,21 @@ _OPTIONS = (
 """Options, each with other programs' words for it, without hyphens; the first that a command has wins."""
 _CLOSE = 0.75
 """Similarity from which a name counts as mistyped; click's own 0.6 takes `--json` for `--count`."""
+
+
+def words_for(line: str) -> list[str]:
+    """Return other programs' words for a command line, given without its arguments, or its binding."""
+    return " ".join(
+        [
+            *(
+                words
+                for rows in (*_COMMANDS.values(), _ACTIONS)
+                for meant, words in rows.items()
+                if f"{meant} ".startswith(f"{line.replace('.', ' ')} ")
+            ),
+            FORMATS.get(line.rpartition(" --to ")[2], ""),
+        ]
+    ).split()
 
 
 def advise(error: click.UsageError) -> str:

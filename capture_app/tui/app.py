@@ -6,7 +6,7 @@ import gc
 import os
 import threading
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
@@ -27,12 +27,13 @@ from capture_app.protocol.status import LogLine, RigStatus
 from capture_app.rig.process import AttachedRig
 from capture_app.rig.rig_link import LinkLost, RigLink
 from capture_app.tui.jobs.jobs_view import JobsView
-from capture_app.tui.jobs.run import MOMENT, Run, RunState
+from capture_app.tui.jobs.run import CAN_EXPORT, EXPORTS, MOMENT, STUDIES, Run, RunState
 from capture_app.tui.jobs.runs import Runs
 from capture_app.tui.key_bindings import HelpScreen, keys_file_text, unknown_names
 from capture_app.tui.library.session_rows import find_samples
 from capture_app.tui.library.sessions_view import SessionsView
 from capture_app.tui.mode import MODES, ModeScreen, ModeView
+from capture_app.tui.palette import Palette
 from capture_app.tui.question import Answer, Question
 from capture_app.tui.rig.camera_screen import CameraScreen
 from capture_app.tui.rig.rig_view import RigView
@@ -97,6 +98,7 @@ class SimulshotApp(App[None]):
     """Terminal UI of a rig, whose leader may be on this or another machine."""
 
     TITLE = "simulshot"
+    COMMANDS: ClassVar[set[Any]] = {Palette}
     CSS_PATH = Path(__file__).with_name("app.tcss")
     DEFAULT_MODE = "rig"
     BINDINGS: ClassVar[list[BindingType]] = [
@@ -265,32 +267,66 @@ class SimulshotApp(App[None]):
             self._write_keys()
 
     def get_system_commands(self, screen: Screen[Any]) -> Iterable[SystemCommand]:
-        """Yield the actions of the command palette: of this screen, of the other modes, and the theme."""
+        """Yield the actions of the command palette."""
+        return (action for _, action in self.actions(screen))
+
+    def actions(self, screen: Screen[Any]) -> Iterator[tuple[str, SystemCommand]]:
+        """Yield the actions of this screen, of the other modes, on the selected session, and the themes.
+
+        Each comes with its command line, or its name, by which other programs' words for it are known.
+        """
         seen: set[str] = set()
         for node, binding, enabled, _ in screen.active_bindings.values():
             if enabled and binding.id is not None and binding.id not in seen:
                 seen.add(binding.id)
-                yield SystemCommand(
-                    binding.description,
-                    f"key {self.get_key_display(binding)}",
-                    partial(self.run_action, binding.action, node),
+                yield (
+                    f"capture-app {binding.id}",
+                    SystemCommand(
+                        binding.description,
+                        f"key {self.get_key_display(binding)}",
+                        partial(self.run_action, binding.action, node),
+                    ),
                 )
         for mode, view in self._views.items():
             for one in Binding.make_bindings(view.BINDINGS):
                 if one.id is not None and one.id not in seen:
                     seen.add(one.id)
                     key = self._settings.keys.get(one.id, one.key).partition(",")[0]
-                    yield SystemCommand(
-                        f"{one.description}: {one.tooltip}" if one.tooltip else one.description,
-                        f"in {MODES[mode]}, key {one.key_display or key}",
-                        partial(self.action_run_in_mode, mode, one.action),
+                    yield (
+                        f"capture-app {one.id}",
+                        SystemCommand(
+                            f"{one.description}: {one.tooltip}" if one.tooltip else one.description,
+                            f"in {MODES[mode]}, key {one.key_display or key}",
+                            partial(self.action_run_in_mode, mode, one.action),
+                        ),
                     )
-        yield SystemCommand(
-            "Exposure, gain, white balance, focus",
-            "in Rig, enter shows a camera's; `capture-app cameras set` changes them",
-            partial(self.action_switch_mode, "rig"),
+        for action, choice, line, title, what in (
+            *(("analyse", one.name, f"reconstruct {one.words[0]}", one.title, one.what) for one in STUDIES),
+            *(
+                ("export", name, f"capture-app sessions export --to {name}", one.title, "files for it")
+                for name, one in EXPORTS.items()
+                if CAN_EXPORT
+            ),
+        ):
+            run = partial(self.action_run_in_mode, "sessions", f"on_session('{action}', '{choice}')")
+            yield line, SystemCommand(title, f"{what}, from the session selected in Sessions", run, False)
+        yield (
+            "capture-app cameras set",
+            SystemCommand(
+                "Exposure, gain, white balance, focus",
+                "in Rig, enter shows a camera's; `capture-app cameras set` changes them",
+                partial(self.action_switch_mode, "rig"),
+            ),
         )
-        yield SystemCommand("Theme", "dark, light, no colour and others", self.action_change_theme)
+        yield (
+            "capture-app theme",
+            SystemCommand("Theme", "dark, light, no colour and others", self.action_change_theme),
+        )
+        for theme in self.available_themes:
+            yield (
+                "capture-app theme",
+                SystemCommand(f"Theme {theme}", "", partial(setattr, self, "theme", theme), False),
+            )
 
     async def action_switch_mode(self, mode: str) -> None:
         """Show a mode itself: a single camera that was open there is closed."""

@@ -9,6 +9,7 @@ import click
 
 from capture_app.board.boards import CharucoBoard, Checkerboard, board_options
 from capture_app.common.errors import SimulshotError
+from capture_app.console.option_rules import Rule, RuledCommand
 from capture_app.console.terminal import FiniteRange, answer, json_option, table
 from capture_app.console.usage import examples
 from reconstruction.commands.command_options import session_argument
@@ -31,11 +32,34 @@ def _parse_mark(text: str) -> Mark:
     return name, ((x1, y1), (x2, y2))
 
 
+_FROM_BOARD = "--from=board|charuco"
+
+
 @click.command(
+    cls=RuledCommand,
+    rules=(
+        Rule("--coverage", _FROM_BOARD),
+        Rule("--board --square-mm --marker-mm --dictionary", f"{_FROM_BOARD} --ground --scale-by-board"),
+        Rule("--marker-mm", "!--dictionary=none", ": it has no markers"),
+        Rule("--recording", f"{_FROM_BOARD} --scale-by-board"),
+        Rule("--lens-recording", _FROM_BOARD),
+        Rule("--lens", "--from=sfm|board|charuco"),
+        Rule("--field-of-view", "--from=sfm"),
+        Rule("--mark", "--distance-m --vertical"),
+        Rule("--distance-m --vertical", "--mark"),
+        Rule("--ground", "!--vertical", ": both define the ground"),
+        Rule("--scale-by-board", "!--distance-m", ": both define the scale"),
+        Rule("--replace", "!--from=session --mark --ground --scale-by-board"),
+        Rule(
+            "--lens-recording --lens --mark --ground --scale-by-board --replace --keep",
+            "!--coverage",
+            ": it only shows what a board has covered",
+        ),
+    ),
     epilog=examples(
         "reconstruct calibrate sessions/board-001 --from charuco",
         "reconstruct calibrate sessions/burst-001 --from sfm",
-    )
+    ),
 )
 @session_argument
 @click.option(
@@ -43,6 +67,7 @@ def _parse_mark(text: str) -> Mark:
     "source",
     default="sfm",
     metavar="sfm|board|kept|session|PATH",
+    show_default="sfm, or board beside options of a board",
     help="sfm: from static features of the burst. board (or charuco): from a board. kept: the calibration "
     "stored for this rig. session: check the session's own. PATH: from another session of these cameras, or "
     "any file that `capture-app sessions import --calibration` takes.",
@@ -141,10 +166,6 @@ def calibrate(
     from reconstruction.scene.calibration_run import CalibrateOptions, CalibrationSource, cover
     from reconstruction.scene.calibration_run import calibrate as run
 
-    if bool(marks) != (distance_m is not None or vertical):
-        raise click.UsageError("--mark needs --distance-m or --vertical, and both need --mark")
-    if vertical and chosen["ground"] is not None:
-        raise click.UsageError("give only one of --vertical and --ground: both define the ground")
     if source not in set(CalibrationSource) and not Path(source).exists():
         raise click.BadParameter(
             f"{source!r} is not one of {', '.join(CalibrationSource)}, and no such file or folder exists",

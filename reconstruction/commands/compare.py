@@ -6,6 +6,7 @@ from typing import Any
 import click
 
 from capture_app.common.instants import COMPARED_MS
+from capture_app.console.option_rules import Rule, RuledCommand
 from capture_app.console.terminal import FiniteRange, answer, json_option
 from capture_app.console.usage import examples
 from reconstruction.commands import command_options
@@ -21,7 +22,7 @@ def _refuse_synced(
     return value
 
 
-class _CompareCommand(click.Command):
+class _CompareCommand(RuledCommand):
     """Command with an option to choose studies, and the options of all installed studies."""
 
     def get_params(self, ctx: click.Context) -> list[click.Parameter]:
@@ -34,6 +35,13 @@ class _CompareCommand(click.Command):
             help="Make only this study and the studies it needs. Repeat for several.",
         )
         own = [option for options in scored() for option in command_options.click_options(options)]
+        # With --study, the options of a study play a part if it, or one that needs it, is made.
+        self.rules = [
+            Rule(" ".join(option.opts[0] for option in options), f"!--study --study={'|'.join(studies)}")
+            for kind in scored()
+            if (options := [*command_options.click_options(kind)])
+            and (studies := [kind.name, *(one.name for one in scored() if kind.name in one.needs)])
+        ]
         params = super().get_params(ctx)
         out = [param.name for param in params].index("out")
         return [*params[:out], chosen, *own, *params[out:]]

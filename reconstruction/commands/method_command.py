@@ -5,6 +5,7 @@ from typing import Any
 
 import click
 
+from capture_app.console.option_rules import RuledCommand
 from capture_app.console.terminal import Progress, answer, json_option, talk
 from capture_app.console.usage import examples
 from reconstruction.commands.command_options import (
@@ -24,6 +25,8 @@ def method_command(method: type[Method]) -> click.Command:
 
     @click.command(
         method.name,
+        cls=RuledCommand,
+        rules=method.rules,
         help=method.help,
         epilog=examples(*(f"reconstruct {example}" for example in method.examples)),
     )

@@ -12,6 +12,7 @@ import msgspec
 from capture_app.common import system
 from capture_app.common.plugins import load_plugin, load_plugins
 from capture_app.common.text import command_line, pretty_json
+from capture_app.console.option_rules import Rule
 from capture_app.console.terminal import Progress
 from capture_app.session.files.durable import write_atomic
 from reconstruction.common.options import CHECKS, METHODS, checked, command_flag, described
@@ -37,6 +38,8 @@ class Check(msgspec.Struct, frozen=True, kw_only=True, dict=True):
     """Name of the method or check, its plugin, and of a method its command and its method in Python."""
     study: ClassVar[str] = ""
     """Its score in a comparison, as module:class; empty for none."""
+    needs: ClassVar[Sequence[str]] = ()
+    """Other scores that its score is made from."""
 
 
 class Method(Check, frozen=True, kw_only=True, dict=True):
@@ -50,6 +53,8 @@ class Method(Check, frozen=True, kw_only=True, dict=True):
     """Help of its command."""
     examples: ClassVar[Sequence[str]] = ()
     """Command lines for the help, without `reconstruct`."""
+    rules: ClassVar[Sequence[Rule]] = ()
+    """Which of its command's options work beside which; what Python refuses, too, is not among them."""
     takes_images: ClassVar[bool] = False
     """Whether image files and folders may take the place of a session."""
     result_file: ClassVar[str] = "metrics.json"

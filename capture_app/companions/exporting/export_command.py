@@ -8,6 +8,7 @@ import click
 
 from capture_app.commands.shared_options import ANY_PATH, restrict_file_access
 from capture_app.common.plugins import plugin_names
+from capture_app.console.known_words import FORMATS
 from capture_app.console.terminal import FiniteRange, answer, json_option, show_count, talk
 from capture_app.console.usage import examples, write_plugins
 from capture_app.session.exporting.exporter import (
@@ -27,9 +28,6 @@ _KINDS: dict[type[Any], dict[str, Any]] = {
     Path: {"type": ANY_PATH},
 }
 """How an exporter's option is typed, by the type of its value."""
-_OF_SPLATS = {"3dgs", "gsplat", "gaussian-splatting", "blender", "gltf"}
-"""What people ask for that `splats` writes: COLMAP models for trainers, D-NeRF's layout, `cameras.gltf`."""
-
 _LOADED = f"{__name__}.loaded"
 
 
@@ -38,8 +36,9 @@ class _Format(click.Choice[str]):
 
     def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:
         """Return the format. Raises BadParameter, with the format that is meant."""
-        if value.casefold() in _OF_SPLATS:
-            self.fail(f"{value!r} is not a format: --to splats writes it", param, ctx)
+        for name, words in FORMATS.items():
+            if value.casefold() in words.split() and name in self.choices:
+                self.fail(f"{value!r} is not a format: --to {name} writes it", param, ctx)
         return super().convert(value, param, ctx)
 
 

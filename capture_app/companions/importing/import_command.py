@@ -16,6 +16,7 @@ from capture_app.common.optional_packages import RECONSTRUCTION
 from capture_app.common.plugins import plugin_names
 from capture_app.common.text import count
 from capture_app.companions.importing.next_steps import are_times_uncertain, describe_steps
+from capture_app.console.option_rules import Rule, RuledCommand
 from capture_app.console.terminal import TIME_SHIFT, FiniteRange, answer, json_option, show_count, talk
 from capture_app.console.usage import examples, write_plugins
 from capture_app.session.alignment.alignment_method import GROUP as ALIGNMENTS
@@ -25,7 +26,7 @@ _MOTION_S, _MAX_MOTION_S = 0.25, 30.0
 """Processor time of an alignment by motion, s an image (110 s for 4 x 100 of 1080 x 1920); its budget, s."""
 
 
-class _ImportCommand(click.Command):
+class _ImportCommand(RuledCommand):
     """A command whose help lists the importers."""
 
     def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
@@ -41,6 +42,7 @@ class _ImportCommand(click.Command):
 @click.command(
     "import",
     cls=_ImportCommand,
+    rules=(Rule("--sound-distance-m --sound-delay-ms", "--align=auto|sound"),),
     epilog=examples(
         "capture-app sessions import footage",
         "capture-app sessions import left=left.mp4 right=right.mp4 --name walk",

@@ -12,6 +12,7 @@ from capture_app.common.address import DEFAULT_PORT, Address
 from capture_app.common.errors import BadInputError
 from capture_app.common.optional_packages import load_optional
 from capture_app.common.text import count
+from capture_app.console.option_rules import Rule, RuledCommand
 from capture_app.console.terminal import answer, json_option, table, talk
 from capture_app.console.usage import examples
 
@@ -26,6 +27,12 @@ MESSAGES, SEED = 300, 1
 
 
 @click.command(
+    cls=RuledCommand,
+    rules=(
+        Rule("", "--serve --connect"),
+        Rule("--serve", "!--connect"),
+        Rule("--true-offset-ns --trials --plot", "--connect"),
+    ),
     short_help="Measure clock synchronization over a link.",
     epilog=examples(
         "capture-app link --serve",
@@ -74,8 +81,6 @@ def link(
     from capture_app.common.clock import HostClock
     from capture_app.companions.link import link_measurement as measuring
 
-    if (serve is None) is (connect is None):
-        raise click.UsageError("give either --serve or --connect HOST:PORT")
     if serve is not None:
         talk(f"listening on {serve}")
         run_until_stopped(measuring.serve(serve.host, serve.port))

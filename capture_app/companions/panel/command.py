@@ -14,6 +14,7 @@ from capture_app.common.errors import SimulshotError
 from capture_app.common.templates import render_lines
 from capture_app.common.text import duration, pretty_json
 from capture_app.companions.panel.screen import DEFAULT_PORT
+from capture_app.console.option_rules import Rule, RuledCommand
 from capture_app.console.terminal import (
     FiniteRange,
     answer,
@@ -182,7 +183,11 @@ def _rows(name: str, table: "PairTable") -> "list[tuple[str, ...]]":
     ]
 
 
-@click.command(epilog=examples("capture-app panel show", "capture-app panel show --host 0.0.0.0"))
+@click.command(
+    cls=RuledCommand,
+    rules=(Rule("--host --port", "!--save", ": a file is not served"),),
+    epilog=examples("capture-app panel show", "capture-app panel show --host 0.0.0.0"),
+)
 @click.option(
     "--host",
     default="127.0.0.1",

@@ -18,6 +18,7 @@ from capture_app.common.plugins import COMMANDS as PLUGIN_COMMANDS
 from capture_app.common.plugins import SESSION_COMMANDS, plugin_names
 from capture_app.common.text import ProgressStep, command_line, printable, rough_time
 from capture_app.session.exporting.exporter import GROUP
+from capture_app.session.format.manifest import CALIBRATION
 from capture_app.tui.signs import Sign
 
 CAPTURE, RECONSTRUCT = "capture_app.cli", "reconstruction.cli"
@@ -56,6 +57,8 @@ class Command:
     """Page in its folder, for people."""
     choices: tuple[tuple[str, str], ...] = ()
     """The choices that matter, each with its options; without any, only `quick` is offered."""
+    replaces: str = ""
+    """File of the session that it writes, and overwrites only with --replace."""
 
     def arguments(self, session: Path, out: Path | None, options: str) -> tuple[str, ...]:
         """Return the arguments after the program's name. Raises BadInputError for unreadable options."""
@@ -68,6 +71,14 @@ class Command:
                 raise BadInputError(f"{word} is set by the job", hint="remove it")
         target = () if out is None or not self.writes else ("--out", str(out))
         return (*self.words, str(session), *self.fixed, *words, *target)
+
+    def would_replace(self, session: Path, options: str) -> bool:
+        """Whether it needs --replace, because the session has the file that it writes."""
+        return (
+            bool(self.replaces)
+            and {"--replace", "--coverage", "session"}.isdisjoint(options.split())
+            and (session / self.replaces).exists()
+        )
 
     def line(self, session: Path, out: Path | None, options: str) -> str:
         """Return the equivalent command line."""
@@ -145,8 +156,8 @@ _STUDIES = (
             ("from the scene", "--from sfm"),
             ("show a board to the cameras: live, which views are missing", COVERAGE),
             ("from a board in the pictures", "--from board"),
-            ("anew from the scene, in place of its calibration", "--from sfm --replace"),
         ),
+        replaces=CALIBRATION,
     ),
     Command(
         "time",

@@ -44,7 +44,7 @@ from capture_app.tui.jobs.run import (
 from capture_app.tui.jobs.runs import Runs
 from capture_app.tui.library.session_rows import ORDERS, Entry, Order, SessionRows, TakePane, arrange
 from capture_app.tui.mode import ModeView
-from capture_app.tui.question import ListQuestion, TextQuestion, explain_verdict
+from capture_app.tui.question import Answer, ListQuestion, Question, TextQuestion, explain_verdict
 from capture_app.tui.rig_record import RecordChanged, SessionMoved, showing_errors
 from capture_app.tui.screen_settings import Settings
 from capture_app.tui.widgets.lines import Lines, write_border
@@ -275,7 +275,7 @@ class SessionsView(ModeView):
             return bool(self._find.display) or self.has_class("-whole")
         if action != "on_session":
             return True
-        entry, (what,) = self.entry, parameters
+        entry, (what, *_) = self.entry, parameters
         if entry is None or what == "results":
             return entry is not None and self._latest_result(entry) is not None
         is_complete = entry.card.state == "complete"
@@ -287,8 +287,11 @@ class SessionsView(ModeView):
         can_compare = len(entry.card.cameras) > 1 and entry.card.images > 1
         return whole and may_change and (what != "compare" or can_compare)
 
-    def action_on_session(self, what: str) -> None:
-        """Do something with the selected session; while it is being saved, say so instead."""
+    def action_on_session(self, what: str, *choice: str) -> None:
+        """Do something with the selected session; while it is being saved, say so instead.
+
+        `choice`: the command or format, which is asked for otherwise.
+        """
         entry = self.entry
         if entry is not None and entry.card.state == "being saved":
             words = f"{printable(entry.card.name)} is being saved: try again when that is done"
@@ -301,7 +304,7 @@ class SessionsView(ModeView):
         elif entry is not None and what in COMMANDS:
             self._start(COMMANDS[what], entry)
         elif entry is not None:
-            getattr(self, f"_{what}")(entry)
+            getattr(self, f"_{what}")(entry, *choice)
 
     def _look(self, _: Entry) -> None:
         """Show the session in the whole view."""
@@ -355,11 +358,15 @@ class SessionsView(ModeView):
     # Starting commands
 
     @work
-    async def _analyse(self, entry: Entry) -> None:
-        """Ask for a command and its options, and run it."""
+    async def _analyse(self, entry: Entry, name: str | None = None) -> None:
+        """Ask for a command, unless it is given, and its options, and run it."""
         commands = (*STUDIES, VERIFY) if entry.card.state == "complete" else (REPAIR,)
         rows = {one.name: (one.title, one.what) for one in commands}
-        name = await self.app.push_screen_wait(ListQuestion(f"Run a command on {entry.card.name}", rows))
+        name = (
+            name
+            if name in rows
+            else await self.app.push_screen_wait(ListQuestion(f"Run a command on {entry.card.name}", rows))
+        )
         if name is not None:
             command, folder, quick = COMMANDS[name], entry.card.folder, COMMANDS[name].quick
             if command.choices:
@@ -379,6 +386,15 @@ class SessionsView(ModeView):
                     title=command.title,
                 )
             )
+            if options is not None and command.would_replace(folder, options):
+                answer = await self.app.push_screen_wait(
+                    Question(
+                        f"{entry.card.name} has a calibration: its own, or the one of its rig.",
+                        [Answer("keep", "k", "Keep it"), Answer("replace", "r", "Replace it")],
+                        title=command.title,
+                    )
+                )
+                options = f"{options} --replace" if answer == "replace" else None
             if options is not None and (run := self._start(command, entry, options)) is not None:
                 await self._open_at_end(run)
 
@@ -390,11 +406,13 @@ class SessionsView(ModeView):
             open_report(self, run.report)
 
     @work
-    async def _export(self, entry: Entry) -> None:
-        """Ask for a format and a folder, and export."""
+    async def _export(self, entry: Entry, name: str | None = None) -> None:
+        """Ask for a format, unless it is given, and a folder, and export."""
         rows = {name: (name, one.help) for name, one in load_exporters().items()}
         before = self._settings.recall("sessions.export-format", "colmap")
-        name = await self.app.push_screen_wait(ListQuestion(f"Export {entry.card.name}", rows, before))
+        name = name or await self.app.push_screen_wait(
+            ListQuestion(f"Export {entry.card.name}", rows, before)
+        )
         if name is None:
             return
         folder = self._settings.recall("sessions.export-folder", str(self._listing.root.parent))

@@ -8,3 +8,4 @@ class Triangulation(Check, frozen=True, kw_only=True):
 
     name = "triangulation"
     study = f"{__package__}.triangulation_study:TriangulationStudy"
+    needs = ("stereo",)

@@ -10,6 +10,7 @@ from typing import Any, Self
 import cv2
 import numpy as np
 
+from reconstruction.checks.triangulation.triangulation_check import Triangulation
 from reconstruction.common.colmap import build_model, load_pycolmap
 from reconstruction.common.drawing import colour_depth, display_range, mark_moving
 from reconstruction.common.geometry import Array, View
@@ -168,7 +169,7 @@ class TriangulationStudy(Score):
     """COLMAP's points on moving and still objects, from the same cameras in both conditions."""
 
     text = read_words(__package__)
-    needs = ("stereo",)
+    needs = Triangulation.needs
     needs_calibration = True
     packages = ("pycolmap",)
 

@@ -6,6 +6,7 @@ from typing import Any
 import click
 
 from capture_app.common.errors import ExitCode, SimulshotError
+from capture_app.console.option_rules import Rule, RuledCommand
 from capture_app.console.terminal import answer, json_option
 from capture_app.console.usage import examples
 from reconstruction.commands.command_options import (
@@ -20,13 +21,17 @@ from reconstruction.scene.conditions import SYNCED
 
 
 @click.command(
+    cls=RuledCommand,
+    rules=(
+        Rule("--shard --jobs --cluster --cluster-setting", "!--summary", ": it is of all that was computed"),
+    ),
     epilog=examples(
         "reconstruct batch sessions/burst-001 sessions/burst-002 --out depth",
         "reconstruct batch sessions/burst-001 --condition synced --condition 66 --instants 0-4 --out depth",
         "reconstruct batch sessions/* --shard $SLURM_ARRAY_TASK_ID/8 --out depth",
         "reconstruct batch sessions/* --summary --out depth",
         "reconstruct batch sessions/* --splats --out depth",
-    )
+    ),
 )
 @click.argument("sessions", type=click.Path(path_type=Path), nargs=-1, required=True)
 @click.option(
@@ -110,8 +115,6 @@ def batch(
     from reconstruction.methods.batch.units import Shard
     from reconstruction.methods.batch.workers import Workers
 
-    if summary and shard:
-        raise click.UsageError("--summary is of all shards: leave out --shard")
     chosen, part = BatchPlan(**options), Shard.parse(shard) if shard else None
     result = (
         summarize(sessions, out, chosen)

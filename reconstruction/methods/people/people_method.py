@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from capture_app.console.option_rules import Rule
 from reconstruction.methods.people.people_options import PeopleOptions
 from reconstruction.scene.conditions import Condition
 
@@ -31,6 +32,7 @@ class PeopleMethod(PeopleOptions, frozen=True, kw_only=True):
         "people sessions/staggered --rate 120 --film --out people",
         "people sessions/mice --keypoints labels --out mice",
     )
+    rules = (Rule("--label-start", "--keypoints"), Rule("--detector --model", "!--keypoints"))
     result_file = "people.json"
 
     def output_folder(self, out: Path) -> "OutputFolder":

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from capture_app.common.errors import BadInputError
 from capture_app.common.optional_packages import load_optional
+from capture_app.console.option_rules import Rule
 from reconstruction.methods.view.view_options import ViewOptions
 from reconstruction.scene.conditions import Condition
 
@@ -36,6 +37,7 @@ class ViewMethod(ViewOptions, frozen=True, kw_only=True):
         "view sessions/burst-001 --path cameras.json --out views",
         "view sessions/burst-001 --instants all --page --out walk",
     )
+    rules = (Rule("--frames", "--path=swing|orbit"),)
     result_file = "view.json"
 
     def output_folder(self, out: Path) -> "OutputFolder":

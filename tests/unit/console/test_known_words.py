@@ -7,7 +7,9 @@ import pytest
 
 from capture_app.cli import run as run_capture_app
 from capture_app.common.errors import ExitCode
-from capture_app.console.known_words import _COMMANDS, _OPTIONS
+from capture_app.common.plugins import plugin_names
+from capture_app.console.known_words import _COMMANDS, _OPTIONS, FORMATS
+from capture_app.session.exporting.exporter import GROUP
 from reconstruction.cli import run as run_reconstruct
 from tests.command_lines import every_command
 
@@ -66,6 +68,15 @@ capture-app mesh > reconstruct multiview SESSION
 capture-app stitch > reconstruct panorama SESSION
 capture-app compare > reconstruct compare SESSION
 capture-app time > reconstruct time SESSION
+capture-app simulate > capture-app demo
+capture-app sim > capture-app demo
+capture-app people > reconstruct people SESSION
+capture-app pose > reconstruct people SESSION
+capture-app depthmap > reconstruct multiview SESSION
+capture-app play > capture-app
+capture-app update > capture-app, installed again as at first
+reconstruct mocap x > reconstruct people SESSION
+reconstruct play x > reconstruct view SESSION
 capture-app reconstruct > reconstruct, a command of its own
 capture-app statsu > 'status'
 capture-app rcord > 'record'
@@ -193,3 +204,28 @@ def test_a_group_without_a_command_prints_its_help_as_help(
     assert printed.startswith(f"Usage: {line} ")
     assert "error:" not in printed
     assert printed.count("\n") > 8
+
+
+@pytest.mark.parametrize(
+    ("word", "meant"), [("premiere", "otio"), ("resolve", "otio"), ("DaVinci", "otio"), ("blender", "splats")]
+)
+def test_a_program_in_place_of_a_format_is_answered_with_its_format(
+    word: str, meant: str, capfd: pytest.CaptureFixture[str]
+) -> None:
+    assert run_capture_app(["sessions", "export", "x", "--to", word, "--out", "y"]) == ExitCode.USAGE
+    assert f"{word!r} is not a format: --to {meant} writes it" in capfd.readouterr().err
+
+
+def test_every_format_with_words_is_one_of_ours() -> None:
+    assert set(FORMATS) <= set(plugin_names(GROUP))
+    words = " ".join(FORMATS.values()).split()
+    assert len(words) == len(set(words))
+    assert not set(words) & set(plugin_names(GROUP))
+
+
+@pytest.mark.parametrize("guess", ["node --camera 0", "node --camera webcam"])
+def test_a_camera_without_its_kind_is_answered_with_a_spec(
+    guess: str, capfd: pytest.CaptureFixture[str]
+) -> None:
+    assert run_capture_app([*guess.split(), "--leader", "127.0.0.1:1"]) != ExitCode.OK
+    assert "write webcam:" in capfd.readouterr().err

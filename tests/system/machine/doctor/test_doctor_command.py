@@ -23,4 +23,4 @@ def test_a_report_holds_what_was_found_and_measured(
     assert told["panel"]["pictures"]
     capfd.readouterr()
     assert run(("doctor", "--camera", "nothing:0")) == ExitCode.USAGE
-    assert "require --report" in capfd.readouterr().err
+    assert "needs --report" in capfd.readouterr().err

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 from textual.command import Command, CommandList, CommandPalette
 from textual.dom import DOMNode
+from textual.widgets import Input, Static
 
 from capture_app.common.errors import NetworkError
 from capture_app.protocol.orders import StopRig
@@ -14,12 +15,15 @@ from capture_app.protocol.status import BurstStatus
 from capture_app.tui.app import SimulshotApp
 from capture_app.tui.jobs.run import COMMANDS
 from capture_app.tui.key_bindings import HelpScreen, keys_file_text, known_actions, unknown_names
-from capture_app.tui.question import Question
+from capture_app.tui.library.session_rows import SessionRows
+from capture_app.tui.palette import Palette
+from capture_app.tui.question import Question, TextQuestion
 from capture_app.tui.rig.camera_screen import CameraScreen
 from capture_app.tui.screen_settings import Settings
 from tests.project import ROOT
 from tests.unit.tui.driving import make_app, running, screen_of, settle, text, toasts, until
 from tests.unit.tui.fake_rig import FakeRig, make_node
+from tests.unit.tui.takes import make_take
 
 
 def own_rig(cameras: int = 2) -> FakeRig:
@@ -63,6 +67,46 @@ async def test_the_palette_does_what_a_key_does() -> None:
         await pilot.press("down", "enter")
         await settle(pilot)
         assert app.screen.query_one("#start").display
+
+
+@pytest.mark.parametrize(
+    ("typed", "title"),
+    [
+        ("delete", "Trash"),
+        ("remove", "Trash"),
+        ("blender", "Export to splats"),
+        ("premiere", "Export to otio"),
+        ("davinci", "Export to otio"),
+        ("resolve", "Export to otio"),
+        ("mocap", "People"),
+        ("skeleton", "People"),
+        ("point cloud", "Depth from all cameras"),
+        ("mesh", "Depth from all cameras"),
+        ("webcam", "Add cameras"),
+        ("dark", "Theme"),
+    ],
+)
+async def test_the_palette_finds_an_action_by_the_words_of_other_programs(typed: str, title: str) -> None:
+    app = make_app(FakeRig(1))
+    async with running(app):
+        found = [str(hit.text) async for hit in Palette(app.screen).search(typed)]
+        assert any(one.startswith(title) for one in found), found
+
+
+async def test_the_palette_runs_an_analysis_and_an_export_of_the_selected_session(tmp_path: Path) -> None:
+    make_take(tmp_path, name="one")
+    app = make_app(FakeRig(1), sessions=tmp_path)
+    async with running(app) as pilot:
+        await pilot.press("3")
+        await until(pilot, lambda: app.screen.query(SessionRows) and app.screen.query_one(SessionRows).keys)
+        for title, question in (("People", "OPTIONS"), ("Export to mp4", "mp4")):
+            (action,) = [one for one in app.get_system_commands(app.screen) if one.title == title]
+            await action.callback()
+            await until(pilot, lambda: isinstance(app.screen, TextQuestion))
+            shown = [str(one.content) for one in app.screen.query(Static)]
+            assert question in " ".join([*shown, app.screen.query_one(Input).value])
+            await pilot.press("escape")
+            await settle(pilot)
 
 
 async def test_the_palette_knows_the_actions_of_all_modes() -> None:

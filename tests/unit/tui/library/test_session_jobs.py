@@ -7,8 +7,9 @@ from typing import Any
 import pytest
 from textual.widgets import Input, OptionList, Static
 
-from capture_app.tui.jobs.run import COMMANDS, STUDIES
+from capture_app.tui.jobs.run import COMMANDS, COVERAGE, STUDIES
 from capture_app.tui.library import sessions_view
+from capture_app.tui.question import Question
 from tests.unit.tui.driving import settle, until
 from tests.unit.tui.library.screen import choose, library, text, type_text
 
@@ -90,3 +91,36 @@ async def test_an_analysis_asks_what_matters_and_opens_its_page(
         await until(pilot, lambda: opened)
         (job,) = jobs(pilot)
         assert opened == [job.out / "walk.html"]
+
+
+@pytest.mark.parametrize(
+    "entry", [place for place, (_, line) in enumerate(COMMANDS["calibrate"].choices) if line != COVERAGE]
+)
+@pytest.mark.parametrize(("key", "options"), [("r", ["--replace"]), ("k", None)])
+async def test_a_calibration_that_is_there_is_a_question(
+    sessions: Path, monkeypatch: pytest.MonkeyPatch, entry: int, key: str, options: list[str] | None
+) -> None:
+    (sessions / "one" / "calibration.json").write_text("{}")
+    quick = replace(COMMANDS["calibrate"], module="tests.unit.tui.jobs.quick_command", words=())
+    monkeypatch.setitem(COMMANDS, quick.name, quick)
+    async with library(sessions) as pilot:
+        await choose(pilot, "one")
+        await pilot.press("A", *["down"] * [study.name for study in STUDIES].index("calibrate"), "enter")
+        await settle(pilot)
+        await pilot.press(*["down"] * entry, "enter")
+        await settle(pilot)
+        await pilot.press("enter")
+        await until(pilot, lambda: isinstance(pilot.app.screen, Question))
+        await pilot.press(key)
+        await settle(pilot)
+        assert [job.options.split()[2:] for job in jobs(pilot)] == ([] if options is None else [options])
+
+
+def test_a_calibration_is_no_question_where_it_is_not_overwritten(sessions: Path) -> None:
+    calibrate, folder = COMMANDS["calibrate"], sessions / "one"
+    assert not calibrate.would_replace(folder, "--from board")
+    (folder / "calibration.json").write_text("{}")
+    assert calibrate.would_replace(folder, "--from board")
+    for options in ("--from session", "--from board --coverage", "--from sfm --replace"):
+        assert not calibrate.would_replace(folder, options)
+    assert not COMMANDS["splat"].would_replace(folder, "")

@@ -201,9 +201,9 @@ def test_what_is_said_of_marks_and_grounds(tmp_path: Path, reconstruct: Reconstr
     arguments = "calibrate", session.folder, "--from", "session", "--replace"
     mark = "--mark", "left=1,2,3,4"
     assert "--mark needs --distance-m or --vertical" in reconstruct(*arguments, *mark).complaint
-    assert "--mark needs --distance-m or --vertical" in reconstruct(*arguments, "--vertical").complaint
+    assert "--vertical needs --mark" in reconstruct(*arguments, "--vertical").complaint
     both = reconstruct(*arguments, *mark, "--vertical", "--ground", session.folder).complaint
-    assert "only one of --vertical and --ground" in both
+    assert "--ground does not work with --vertical: both define the ground" in both
 
 
 def test_a_board_of_another_size_is_named(tmp_path: Path, reconstruct: Reconstruct) -> None:
@@ -215,6 +215,7 @@ def test_a_board_of_another_size_is_named(tmp_path: Path, reconstruct: Reconstru
     asked = "--from", "board", "--board", "10x7", "--square-mm", 60, "--dictionary", "none"
     refused = reconstruct("calibrate", session.folder, *asked)
     assert refused.code == 3
+    assert reconstruct("calibrate", session.folder, *asked[2:]).complaint == refused.complaint
     assert (
         "show a board without markers of 9x8 squares, not 10x7 (--dictionary none --board 9x8)"
         in refused.complaint

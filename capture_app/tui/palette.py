@@ -1,0 +1,19 @@
+"""Command palette that finds an action by its title, and by other programs' words for it."""
+
+from typing import Any, cast
+
+from textual.command import Hit, Hits
+from textual.system_commands import SystemCommandsProvider
+
+from capture_app.console.known_words import words_for
+
+
+class Palette(SystemCommandsProvider):
+    """Actions that match what is typed."""
+
+    async def search(self, query: str) -> Hits:
+        """Yield the actions of which the title matches, or a word begins so."""
+        matcher, typed = self.matcher(query), query.strip().casefold().replace(" ", "-")
+        for line, (title, text, callback, _) in cast(Any, self.app).actions(self.screen):
+            if score := max(matcher.match(title), any(word.startswith(typed) for word in words_for(line))):
+                yield Hit(score, matcher.highlight(title), callback, help=text)

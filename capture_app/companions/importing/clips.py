@@ -85,7 +85,8 @@ def pair_clips(
     if named or len(first) != len(clips):
         return named, ""
     by_order = tuple(zip(first, clips, strict=True))
-    return by_order, f"the clips of {' and '.join(names)} are paired by their order"
+    several = len(first) > 1
+    return by_order, f"the clips of {' and '.join(names)} are paired by their order" if several else ""
 
 
 def _by_clocks(

@@ -155,6 +155,7 @@ def measure_rig_timing(offsets: PairOffsets, pair: tuple[str, str] | None) -> "S
             offset.reason,
             misfit_px=offset.misfit_px,
             change=offset.change or UNCHANGED,
+            moved={name: text for text in offset.images.moved},
         )
         both = reference, name
         own = [measured[two].offset_ms for two in (both, both[::-1]) if two in measured]
@@ -215,6 +216,7 @@ def judge_timing(
             unvoted=fit.unvoted,
             examined=fit.examined,
             period_ms=spacing_ms,
+            moved=tuple(fit.moved.values()),
         ),
     )
     if fit.offset_ms is None or fit.sd_ms is None:
@@ -309,6 +311,8 @@ def unseen_ends(fit: OffsetFit) -> str:
 
     A single instant at an end may be a wrong match.
     """
+    if fit.moved:
+        return f"{' and '.join(fit.moved)} was moved during the take"
     surely = sorted(instant.instant for instant in fit.instants)[1:-1] or [0]
     first, last = surely[0], surely[-1]
     unseen = sum(not first <= k <= last for k in fit.unvoted) > MAX_UNSEEN * fit.examined

@@ -17,7 +17,7 @@ from reconstruction.common.worker_pool import computed_once
 from reconstruction.scene.calibration.consistency import fit_one_plane
 from reconstruction.scene.conditions import evenly_spaced
 from reconstruction.scene.instant_choice import choose_moving_instants
-from reconstruction.scene.moving_pixels import MIN_STILL, measure_camera_motion
+from reconstruction.scene.moving_pixels import MIN_STILL, find_shifts, measure_camera_motion
 from reconstruction.scene.pairs import FAINT_CONTRAST, detect_features, match_at_rest
 from reconstruction.scene.scene import Scene
 from reconstruction.time_offsets.camera_time import ImageTimes
@@ -74,6 +74,8 @@ DISAGREEING = 3.0
 """Standard deviations between two fits of an offset from which they contradict each other."""
 LINEAR_STEPS = 4
 """Maximum number of times that points are moved along their paths to the offset found."""
+MIN_REST = 0.3
+"""Minimum fraction of a camera's instants between two shifts from which those alone are measured."""
 PLACINGS, BESIDE_STEP = 3, 6
 """Maximum number of times that further instants around a step are measured, and how many each time."""
 UNDETERMINED = (
@@ -120,6 +122,7 @@ class PairOffsets:
         self._outlines = computed_once(self._find_outlines)
         self._stays = computed_once(self._find_staying)
         self._motion = computed_once(partial(measure_camera_motion, scene.dataset))
+        self._rest = computed_once(self._find_rest)
         self.repeated = computed_once(partial(repeated_images, scene.dataset))
         # A comparison's pair is also one of its rig's.
         self.measure = computed_once(self._measure)
@@ -130,7 +133,27 @@ class PairOffsets:
             name: motion[1:]
             for name in cameras
             if (motion := self._motion(name)) is not None and motion[0] < MIN_STILL
+            if not self._rest(name)[1]
         }
+
+    def _find_rest(self, camera: str) -> tuple[Sequence[int], str]:
+        """Return the longest part of a camera's instants without a shift, and the shift in words.
+
+        All instants and no words if it was not moved, or if that part is short: then it moves all the time.
+        The images beside a shift show no motion either, as points are tracked over it.
+        """
+        there = self.dataset.instants(camera)
+        shifts, begin, parts = find_shifts(self.dataset, camera), 0, []
+        for last, first, _ in [*shifts, (there[-1] + 1, 0, 0.0)]:
+            parts.append([k for k in there if begin <= k < last])
+            begin = first + 1
+        longest = max(parts, key=len)
+        if not shifts or len(longest) < MIN_REST * len(there):
+            return there, ""
+        places = " and ".join(f"by {px:.1f} pixels before instant {first}" for _, first, px in shifts)
+        return longest, (
+            f"{camera} itself was moved {places}: only instants {longest[0]} to {longest[-1]} are measured"
+        )
 
     def _measure(
         self,
@@ -155,12 +178,15 @@ class PairOffsets:
         near_ms, max_offset_ms = rough or (0.0, self.max_offset_ms)
         others = {
             other: times.at_ms(second, other) + near_ms
-            for other in self.dataset.instants(second)
+            for other in self._rest(second)[0]
             if other not in self.repeated(second)
         }
         all_moves = bool(self.moving((first, second)))
         cameras = (first, second) if rough is None else (first,)
-        asked = tuple(k for k in self.dataset.instants(*cameras) if k not in self.repeated(first))
+        rest = set.intersection(*({*self._rest(camera)[0]} for camera in cameras))
+        asked = tuple(
+            k for k in self.dataset.instants(*cameras) if k in rest and k not in self.repeated(first)
+        )
         if rough is not None:
             low, high = min(others.values(), default=0.0), max(others.values(), default=0.0)
             apart = 0.0 if beside_ms is None else beside_ms - near_ms
@@ -219,7 +245,8 @@ class PairOffsets:
                     for lenses in other_calibrations(pair, *at_rest)
                 ]
             )
-        return self._placed(fit.later(near_ms).examined_at(chosen), (first, second))
+        moved = {camera: text for camera in (first, second) if (text := self._rest(camera)[1])}
+        return self._placed(replace(fit.later(near_ms).examined_at(chosen), moved=moved), (first, second))
 
     def _why_unmeasurable(self, first: str, second: str) -> str:
         """Return why the calibration shows no offset between two cameras; empty if it does."""
@@ -328,7 +355,8 @@ class PairOffsets:
     def _still_matches(self, first: str, second: str) -> tuple[Array, Array]:
         """Return matched static points, (n, 2) px in each camera."""
         matches = [(np.zeros((0, 2)), np.zeros((0, 2)))]
-        some = evenly_spaced(self.dataset.instants(first, second), STILL_INSTANTS)
+        both = sorted({*self._rest(first)[0]} & {*self._rest(second)[0]})
+        some = evenly_spaced(both, STILL_INSTANTS)
         half = len(some) // 2
         for k, other in zip(some, some[half:] + some[:half], strict=True):
             a, b = (self.scene.features.at_rest(k)[name] for name in (first, second))

@@ -40,12 +40,15 @@ class SingleImages(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """Number of instants that were examined."""
     period_ms: float = 0.0
     """Time from frame to frame."""
+    moved: tuple[str, ...] = ()
+    """Which cameras were moved during the take, and how: only a part of it was measured."""
 
     def describe(self, camera: str, than: str) -> Iterator[str]:
         """Yield a sentence about each kind, without a full stop."""
         by_size: dict[str, list[int]] = {}
         for instant, ms in sorted(self.glitches_ms.items()):
             by_size.setdefault(_later(ms, self.period_ms), []).append(instant)
+        yield from self.moved
         view = {"images": self, "camera": camera, "than": than, "by_size": by_size}
         for kind in ("glitches", "repeated", "stalled", "odd", "unvoted"):
             if text := render_sentences("single_images.txt", __package__, kind=kind, **view):

@@ -155,7 +155,8 @@ def measure_rig_timing(offsets: PairOffsets, pair: tuple[str, str] | None) -> "S
             offset.reason,
             misfit_px=offset.misfit_px,
             change=offset.change or UNCHANGED,
-            moved={name: text for text in offset.images.moved},
+            repeats_ms=offset.images.repeats_ms,
+            moved=dict(zip([name], offset.images.moved, strict=False)),
         )
         both = reference, name
         own = [measured[two].offset_ms for two in (both, both[::-1]) if two in measured]
@@ -216,6 +217,7 @@ def judge_timing(
             unvoted=fit.unvoted,
             examined=fit.examined,
             period_ms=spacing_ms,
+            repeats_ms=fit.repeats_ms,
             moved=tuple(fit.moved.values()),
         ),
     )

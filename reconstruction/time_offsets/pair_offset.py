@@ -44,6 +44,7 @@ from reconstruction.time_offsets.pair_geometry import (
     epipolar_errors_px,
     other_calibrations,
 )
+from reconstruction.time_offsets.repetition import repetition_ms
 from reconstruction.time_offsets.single_images import repeated_images
 
 MAX_POINTS = 400
@@ -123,6 +124,7 @@ class PairOffsets:
         self._stays = computed_once(self._find_staying)
         self._motion = computed_once(partial(measure_camera_motion, scene.dataset))
         self._rest = computed_once(self._find_rest)
+        self._repetition = computed_once(partial(repetition_ms, scene.dataset))
         self.repeated = computed_once(partial(repeated_images, scene.dataset))
         # A comparison's pair is also one of its rig's.
         self.measure = computed_once(self._measure)
@@ -245,8 +247,8 @@ class PairOffsets:
                     for lenses in other_calibrations(pair, *at_rest)
                 ]
             )
-        moved = {camera: text for camera in (first, second) if (text := self._rest(camera)[1])}
-        return self._placed(replace(fit.later(near_ms).examined_at(chosen), moved=moved), (first, second))
+        fit = self._limited(fit.later(near_ms).examined_at(chosen), (first, second))
+        return self._placed(fit, (first, second))
 
     def _why_unmeasurable(self, first: str, second: str) -> str:
         """Return why the calibration shows no offset between two cameras; empty if it does."""
@@ -260,6 +262,14 @@ class PairOffsets:
         if self.moving((first, second)):
             return GUESSED_IN_MOTION
         return UNDETERMINED if fit_one_plane(*self._still_matches(first, second)) else ""
+
+    def _limited(self, fit: OffsetFit, cameras: tuple[str, str]) -> OffsetFit:
+        """Return a fit with the shifts of cameras that were moved, and with the period of what repeats."""
+        moved = {camera: text for camera in cameras if (text := self._rest(camera)[1])}
+        if fit.offset_ms is None:
+            return replace(fit, moved=moved)
+        repeats_ms = max(self._repetition(camera) or 0.0 for camera in cameras)
+        return replace(fit, moved=moved, repeats_ms=repeats_ms)
 
     def _placed(self, fit: OffsetFit, cameras: tuple[str, str]) -> OffsetFit:
         """Return a fit with its steps placed by what moves in each camera's own images."""

@@ -157,6 +157,7 @@ def _single(
         unvoted=tuple(sorted(set.intersection(*(set(fit.unvoted) for fit in its.values())))),
         examined=max(fit.examined for fit in its.values()),
         period_ms=period_ms,
+        repeats_ms=min(fit.repeats_ms for fit in its.values()),
         moved=moved,
     )
     return {"jitter_ms": jitter_ms or None, "images": images}

@@ -116,7 +116,7 @@ def measure_pair_timing(
     A `fit` is the offset as measured by other means, and `unseen` why these do not show it throughout.
     """
     dataset, (first, second) = offsets.dataset, cameras
-    fit = fit or offsets.measure(*cameras)
+    fit = fit or offsets.measure_anywhere(*cameras)
     spacing_ms = min((b - a for a, b in pairwise(dataset.instants_ns)), default=dataset.period_ns) / 1e6
     times = ImageTimes(dataset, cameras)
     apart = [times.middle_ms(second, k) - times.middle_ms(first, k) for k in dataset.instants(*cameras)]
@@ -138,7 +138,7 @@ def measure_rig_timing(offsets: PairOffsets, pair: tuple[str, str] | None) -> "S
     """
     scene, period_ms = offsets.scene, offsets.dataset.period_ns / 1e6
     rig_offsets = measure_rig_offsets(scene, preferred=pair[0] if pair else None, finder=offsets)
-    measured = {two: offsets.measure(*two) for two in likely_pairs(scene)}
+    measured = {two: offsets.measure_anywhere(*two) for two in likely_pairs(scene)}
     steady = steady_pairs(measured, period_ms)
     first = next(name for name, offset in rig_offsets.items() if offset.sd_ms == 0)
     reference = most_together((first, *(pair or ()), *rig_offsets), steady, period_ms)

@@ -45,6 +45,7 @@ from reconstruction.time_offsets.pair_geometry import (
     other_calibrations,
 )
 from reconstruction.time_offsets.repetition import repetition_ms
+from reconstruction.time_offsets.rough_offset import RoughOffset, find_rough_offset, measure_activity
 from reconstruction.time_offsets.single_images import repeated_images
 
 MAX_POINTS = 400
@@ -69,6 +70,8 @@ MAX_FRAMES = 20
 """Maximum offset searched for, in frames to either side."""
 INSTANTS = 6, 48
 """Minimum and maximum number of instants of a pair."""
+MAX_ALIGNED_INSTANTS = 60
+"""The same maximum for recordings without common times, whose clocks' rates are measured too."""
 IMAGES = 150
 """Approximate number of images of all cameras together; more cameras mean fewer instants of each pair."""
 DISAGREEING = 3.0
@@ -105,8 +108,6 @@ MovingPoints = tuple[Array, Array]
 """Unit descriptors (n, 128) of points; positions (3, n, 2) px in the previous image, their own and the next.
 
 Positions are NaN where tracking failed."""
-RoughOffset = tuple[float, float]
-"""Approximate delay of a pair's second camera, and the maximum error of this delay, ms."""
 MovingMatches = tuple[Array, Array, Array]
 """Matches (n, 2) px in two cameras at the same time, and their speeds (n, 2) in the second, px/ms."""
 
@@ -126,8 +127,10 @@ class PairOffsets:
         self._rest = computed_once(self._find_rest)
         self._repetition = computed_once(partial(repetition_ms, scene.dataset))
         self.repeated = computed_once(partial(repeated_images, scene.dataset))
+        self._activity = computed_once(partial(measure_activity, scene.dataset))
         # A comparison's pair is also one of its rig's.
         self.measure = computed_once(self._measure)
+        self.measure_anywhere = computed_once(self._measure_anywhere)
 
     def moving(self, cameras: Iterable[str]) -> dict[str, tuple[float, float]]:
         """Return the motion (px, in ms) of cameras that move while they record, without static background."""
@@ -156,6 +159,25 @@ class PairOffsets:
         return longest, (
             f"{camera} itself was moved {places}: only instants {longest[0]} to {longest[-1]} are measured"
         )
+
+    def _measure_anywhere(self, first: str, second: str) -> OffsetFit:
+        """Measure as `measure` does; of recordings without common times, anywhere in their whole overlap."""
+        if not self.dataset.unsynchronized:
+            return self.measure(first, second)
+        rough = find_rough_offset(
+            partial(self.measure, first, second),
+            self._activity(first),
+            self._activity(second),
+            max(map(self._repetition, (first, second))),
+            self.dataset.period_ns / 1e6,
+        )
+        if isinstance(rough, str):
+            return OffsetFit(reason=rough)
+        fit = self.measure(first, second, MAX_ALIGNED_INSTANTS, rough=rough)
+        if fit.change.steps:
+            text = fit.change.describe(second, first)
+            return OffsetFit(reason=f"{text}: it dropped or repeated frames", moved=fit.moved)
+        return fit
 
     def _measure(
         self,
@@ -268,8 +290,7 @@ class PairOffsets:
         moved = {camera: text for camera in cameras if (text := self._rest(camera)[1])}
         if fit.offset_ms is None:
             return replace(fit, moved=moved)
-        repeats_ms = max(self._repetition(camera) or 0.0 for camera in cameras)
-        return replace(fit, moved=moved, repeats_ms=repeats_ms)
+        return replace(fit, moved=moved, repeats_ms=max(map(self._repetition, cameras)))
 
     def _placed(self, fit: OffsetFit, cameras: tuple[str, str]) -> OffsetFit:
         """Return a fit with its steps placed by what moves in each camera's own images."""

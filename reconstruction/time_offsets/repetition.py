@@ -10,8 +10,8 @@ SIDE_PX, BLUR_PX = 160, 1.5
 """Longer side to which images are reduced, and the blur against noise and positions between two frames."""
 MAX_IMAGES = 120
 """Maximum number of successive images that are compared, in the middle of the take."""
-MIN_IMAGES = 6
-"""Minimum number of images that are like the ones a period before."""
+MIN_IMAGES, MIN_FRACTION = 6, 1 / 3
+"""Minimum number, and fraction of all, of the images that are like the ones a period before."""
 NOISES = 4.0
 """Multiple of the median change that is taken as noise."""
 UNLIKE, ALIKE = 0.3, 0.7
@@ -22,55 +22,48 @@ something beside it that does not repeat, or has another period, it is 0.6 at mo
 """
 
 
-def repetition_ms(dataset: Dataset, camera: str) -> float | None:
-    """Return the period of all that moves in a camera's images, ms; None if something does not repeat.
+def repetition_ms(dataset: Dataset, camera: str) -> float:
+    """Return the period of all that moves in a camera's images, ms; 0 if something does not repeat.
 
     It is the first maximum of the images' autocorrelation, without what stands still, in steps of half a
     frame. Periods longer than the take are not seen.
     """
     there = dataset.instants(camera)
     spare = max(0, len(there) - MAX_IMAGES) // 2
+    there = there[spare : spare + MAX_IMAGES]
+    if len(there) <= MIN_IMAGES:
+        return 0.0
     scale = SIDE_PX / max(dataset.size(camera))
-    small = [
+    small = (
         cv2.resize(dataset.grey(camera, k), None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
-        for k in there[spare : spare + MAX_IMAGES]
-        if dataset.has_image(camera, k)
-    ]
-    if len(small) <= MIN_IMAGES:
-        return None
+        for k in there
+    )
     images = np.stack([cv2.GaussianBlur(image.astype(np.float32), (0, 0), BLUR_PX) for image in small])
     images -= np.median(images, axis=0)
     images -= np.median(images, axis=(1, 2), keepdims=True)
     noise = NOISES * float(np.median(np.abs(images)))
     moving = (np.sign(images) * np.maximum(np.abs(images) - noise, 0)).reshape(len(images), -1)
-    if (half_frames := _first_period(moving)) is None:
-        return None
-    return half_frames / 2 * dataset.period_ns / 1e6
+    period_ms = float(np.median(np.diff([dataset.record(camera, k).leader_ns for k in there]))) / 1e6
+    return _first_period(moving) / 2 * period_ms
 
 
-def _first_period(moving: Array) -> int | None:
-    """Return the period of images (t, n) in half frames: an image is also compared with two others' mean."""
-    products = np.asarray(moving @ moving.T, float)
-    lags = range(2 * (len(moving) - MIN_IMAGES))
-    alike = np.array([_autocorrelation(products, lag // 2, lag % 2) for lag in lags])
-    unlike = np.flatnonzero(alike < UNLIKE)
-    again = [k for k in np.flatnonzero(alike > ALIKE) if len(unlike) and k > unlike[0]]
-    if not again:
-        return None
-    # The first maximum: up to where the images differ again.
-    end = next((k for k in unlike if k > again[0]), len(alike))
-    return int(again[0] + alike[again[0] : end].argmax())
+def _first_period(moving: Array) -> int:
+    """Return the period of images (t, n) in half frames, 0 if there is none.
 
-
-def _autocorrelation(products: Array, lag: int, half: int) -> float:
-    """Return the correlation of images with those `lag` frames later, or with the mean of these and the next.
-
-    `products` (t, t) are the images' scalar products.
+    Images are compared with later ones, and with the means of two successive ones.
     """
-    size = len(products) - lag - half
-    at = np.arange(size)
-    ahead = at + lag, at + lag + half
-    both = sum(products[at, later].sum() for later in ahead) / 2
-    power = sum(products[one, other].sum() for one in ahead for other in ahead) / 4
-    norm = float(np.sqrt(products[at, at].sum() * power))
-    return float(both) / norm if norm else 0.0
+    halves = np.repeat(moving, 2, axis=0)[:-1]
+    halves[1::2] = (moving[1:] + moving[:-1]) / 2
+    products = halves @ halves.T
+    power = np.diagonal(products)
+    lags = range(2 * (len(moving) - max(MIN_IMAGES, int(MIN_FRACTION * len(moving)))))
+    both = [np.diagonal(products, lag)[::2].sum() for lag in lags]
+    norms = [power[: len(power) - lag : 2].sum() * power[lag::2].sum() for lag in lags]
+    alike = np.array(both) / np.sqrt(np.maximum(norms, 1e-9))
+    unlike = np.flatnonzero(alike < UNLIKE)
+    again = np.flatnonzero((alike > ALIKE) & (np.arange(len(alike)) > unlike.min(initial=len(alike))))
+    if not len(again):
+        return 0
+    # The first maximum: up to where the images differ again.
+    end = min((k for k in unlike if k > again[0]), default=len(alike))
+    return int(again[0] + alike[again[0] : end].argmax())

@@ -51,7 +51,7 @@ def measure_rig_offsets(
 
     def measure(pair: Pair) -> OffsetFit:
         progress.step(f"{pair[1]} against {pair[0]}")
-        return finder.measure(*pair)
+        return finder.measure_anywhere(*pair)
 
     with worker_pool() as pool:
         measured = dict(zip(pairs, pool.map(measure, pairs), strict=True))

@@ -217,8 +217,11 @@ def find_shifts(dataset: Dataset, camera: str) -> list[tuple[int, int, float]]:
     def moved_px(first: int, second: int) -> float:
         """Return by how much the image moves between two instants; 0 if it stays, or shows too little."""
         moved = _cell_motions(*(dataset.grey(camera, there[at]) for at in (first, second)))
-        stays = len(moved) < MIN_CELLS or (moved < SHAKE_PX).mean() >= MIN_STILL
-        return 0.0 if stays else float(np.median(moved))
+        return (
+            float(np.median(moved))
+            if len(moved) >= MIN_CELLS and (moved < SHAKE_PX).mean() < MIN_STILL
+            else 0.0
+        )
 
     shifts = []
     for begin, end in pairwise(evenly_spaced(range(len(there)), SHIFT_IMAGES)):

@@ -175,8 +175,9 @@ class PairOffsets:
             return OffsetFit(reason=rough)
         fit = self.measure(first, second, MAX_ALIGNED_INSTANTS, rough=rough)
         if fit.change.steps:
-            text = fit.change.describe(second, first)
-            return OffsetFit(reason=f"{text}: it dropped or repeated frames", moved=fit.moved)
+            return OffsetFit(
+                reason=f"{fit.change.describe(second, first)}: it dropped or repeated frames", moved=fit.moved
+            )
         return fit
 
     def _measure(
@@ -288,9 +289,8 @@ class PairOffsets:
     def _limited(self, fit: OffsetFit, cameras: tuple[str, str]) -> OffsetFit:
         """Return a fit with the shifts of cameras that were moved, and with the period of what repeats."""
         moved = {camera: text for camera in cameras if (text := self._rest(camera)[1])}
-        if fit.offset_ms is None:
-            return replace(fit, moved=moved)
-        return replace(fit, moved=moved, repeats_ms=max(map(self._repetition, cameras)))
+        repeats_ms = 0.0 if fit.offset_ms is None else max(map(self._repetition, cameras))
+        return replace(fit, moved=moved, repeats_ms=repeats_ms)
 
     def _placed(self, fit: OffsetFit, cameras: tuple[str, str]) -> OffsetFit:
         """Return a fit with its steps placed by what moves in each camera's own images."""
@@ -386,8 +386,7 @@ class PairOffsets:
     def _still_matches(self, first: str, second: str) -> tuple[Array, Array]:
         """Return matched static points, (n, 2) px in each camera."""
         matches = [(np.zeros((0, 2)), np.zeros((0, 2)))]
-        both = sorted({*self._rest(first)[0]} & {*self._rest(second)[0]})
-        some = evenly_spaced(both, STILL_INSTANTS)
+        some = evenly_spaced(sorted({*self._rest(first)[0]} & {*self._rest(second)[0]}), STILL_INSTANTS)
         half = len(some) // 2
         for k, other in zip(some, some[half:] + some[:half], strict=True):
             a, b = (self.scene.features.at_rest(k)[name] for name in (first, second))

@@ -5,15 +5,13 @@ import numpy as np
 
 from reconstruction.common.geometry import Array
 from reconstruction.scene.dataset import Dataset
+from reconstruction.time_offsets.frame_jumps import BLUR_PX, NOISES
+from reconstruction.time_offsets.rough_offset import MIN_IMAGES, SIDE_PX
 
-SIDE_PX, BLUR_PX = 160, 1.5
-"""Longer side to which images are reduced, and the blur against noise and positions between two frames."""
 MAX_IMAGES = 120
 """Maximum number of successive images that are compared, in the middle of the take."""
-MIN_IMAGES, MIN_FRACTION = 6, 1 / 3
-"""Minimum number, and fraction of all, of the images that are like the ones a period before."""
-NOISES = 4.0
-"""Multiple of the median change that is taken as noise."""
+MIN_FRACTION = 1 / 3
+"""Minimum fraction of the images that are like the ones a period before, beside their minimum number."""
 UNLIKE, ALIKE = 0.3, 0.7
 """Autocorrelation that motion falls below, and then exceeds again after its period.
 
@@ -34,17 +32,22 @@ def repetition_ms(dataset: Dataset, camera: str) -> float:
     if len(there) <= MIN_IMAGES:
         return 0.0
     scale = SIDE_PX / max(dataset.size(camera))
-    small = (
-        cv2.resize(dataset.grey(camera, k), None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
-        for k in there
-    )
-    images = np.stack([cv2.GaussianBlur(image.astype(np.float32), (0, 0), BLUR_PX) for image in small])
+    images = np.stack(
+        [
+            cv2.GaussianBlur(
+                cv2.resize(dataset.grey(camera, k), None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA),
+                (0, 0),
+                BLUR_PX,
+            )
+            for k in there
+        ]
+    ).astype(np.float32)
     images -= np.median(images, axis=0)
     images -= np.median(images, axis=(1, 2), keepdims=True)
-    noise = NOISES * float(np.median(np.abs(images)))
-    moving = (np.sign(images) * np.maximum(np.abs(images) - noise, 0)).reshape(len(images), -1)
-    period_ms = float(np.median(np.diff([dataset.record(camera, k).leader_ns for k in there]))) / 1e6
-    return _first_period(moving) / 2 * period_ms
+    noise = NOISES * np.median(np.abs(images))
+    moving = (images - np.clip(images, -noise, noise)).reshape(len(images), -1)
+    spacing_ns = np.median(np.diff([dataset.record(camera, k).leader_ns for k in there]))
+    return _first_period(moving) / 2 * float(spacing_ns) / 1e6
 
 
 def _first_period(moving: Array) -> int:

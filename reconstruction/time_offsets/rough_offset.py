@@ -127,16 +127,14 @@ def find_rough_offset(
     if not tried:
         return reason
     votes, best_ms = max(tried)
-    lags = {lag for camera in (first, second) if (lag := repeats_after_ms(camera, period_ms))}
-    lags |= {repeats_ms} - {0.0}
     # The amount of motion repeats each time that a pendulum comes by: twice in a period.
-    rivals = [best_ms + n * lag for lag in lags for n in (-2, -1, 1, 2)]
+    lags = {repeats_ms, *(repeats_after_ms(camera, period_ms) for camera in (first, second))}
+    rivals = [best_ms + n * lag for lag in lags if lag for n in (-2, -1, 1, 2)]
     rivals += [other_ms for other, other_ms in tried if votes < DISTINCT * other]
     equal = [best_ms]
     for other_ms in rivals:
-        is_new = all(abs(other_ms - ms) > period_ms for ms in equal)
         if (
-            is_new
+            all(abs(other_ms - ms) > period_ms for ms in equal)
             and _overlap_ms(first, second, other_ms) > MIN_IMAGES * period_ms
             and not _excludes(measure, best_ms, other_ms, period_ms)
         ):

@@ -48,8 +48,11 @@ class SingleImages(Struct, frozen=True, kw_only=True, omit_defaults=True):
     @property
     def span(self) -> str:
         """Which other offsets fit as well, to follow an offset; empty if none does."""
-        again = f", or a multiple of {self.repeats_ms:.0f} ms more or less, as what moves repeats itself"
-        return again if self.repeats_ms else ""
+        return (
+            f", or a multiple of {self.repeats_ms:.0f} ms more or less, as what moves repeats itself"
+            if self.repeats_ms
+            else ""
+        )
 
     def describe(self, camera: str, than: str) -> Iterator[str]:
         """Yield a sentence about each kind, without a full stop."""

@@ -261,7 +261,12 @@ def measure_curve(
     instants = instant_curves(points, measure)
     of_instants = {moment.instant: moment.peak_ms for moment in instants if moment.peak_ms is not None}
     spacing_ms = min(abs(step.actual_ms) for step in steps)
-    judged = with_curve_peak(with_depth_runs(timing, of_instants, spacing_ms), of_instants, spacing_ms)
+    judged = (
+        # The depth of a few frames to either side says nothing of a recording that was never aligned.
+        timing
+        if scene.dataset.unsynchronized
+        else with_curve_peak(with_depth_runs(timing, of_instants, spacing_ms), of_instants, spacing_ms)
+    )
     if timing.late_ms is None:
         judged = structs.replace(judged, tried_ms=max(abs(step.actual_ms) for step in steps))
     judged = with_depth(judged, next(point for point in points if not point.late_ms))

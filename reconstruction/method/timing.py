@@ -116,7 +116,7 @@ def measure_pair_timing(
     A `fit` is the offset as measured by other means, and `unseen` why these do not show it throughout.
     """
     dataset, (first, second) = offsets.dataset, cameras
-    fit = fit or offsets.measure(*cameras)
+    fit = fit or offsets.measure_anywhere(*cameras)
     spacing_ms = min((b - a for a, b in pairwise(dataset.instants_ns)), default=dataset.period_ns) / 1e6
     times = ImageTimes(dataset, cameras)
     apart = [times.middle_ms(second, k) - times.middle_ms(first, k) for k in dataset.instants(*cameras)]
@@ -138,7 +138,7 @@ def measure_rig_timing(offsets: PairOffsets, pair: tuple[str, str] | None) -> "S
     """
     scene, period_ms = offsets.scene, offsets.dataset.period_ns / 1e6
     rig_offsets = measure_rig_offsets(scene, preferred=pair[0] if pair else None, finder=offsets)
-    measured = {two: offsets.measure(*two) for two in likely_pairs(scene)}
+    measured = {two: offsets.measure_anywhere(*two) for two in likely_pairs(scene)}
     steady = steady_pairs(measured, period_ms)
     first = next(name for name, offset in rig_offsets.items() if offset.sd_ms == 0)
     reference = most_together((first, *(pair or ()), *rig_offsets), steady, period_ms)
@@ -155,6 +155,8 @@ def measure_rig_timing(offsets: PairOffsets, pair: tuple[str, str] | None) -> "S
             offset.reason,
             misfit_px=offset.misfit_px,
             change=offset.change or UNCHANGED,
+            repeats_ms=offset.images.repeats_ms,
+            moved=dict(zip([name], offset.images.moved, strict=False)),
         )
         both = reference, name
         own = [measured[two].offset_ms for two in (both, both[::-1]) if two in measured]
@@ -215,6 +217,8 @@ def judge_timing(
             unvoted=fit.unvoted,
             examined=fit.examined,
             period_ms=spacing_ms,
+            repeats_ms=fit.repeats_ms,
+            moved=tuple(fit.moved.values()),
         ),
     )
     if fit.offset_ms is None or fit.sd_ms is None:
@@ -309,6 +313,8 @@ def unseen_ends(fit: OffsetFit) -> str:
 
     A single instant at an end may be a wrong match.
     """
+    if fit.moved:
+        return f"{' and '.join(fit.moved)} was moved during the take"
     surely = sorted(instant.instant for instant in fit.instants)[1:-1] or [0]
     first, last = surely[0], surely[-1]
     unseen = sum(not first <= k <= last for k in fit.unvoted) > MAX_UNSEEN * fit.examined

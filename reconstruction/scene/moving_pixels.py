@@ -1,7 +1,9 @@
 """Detection of motion: moving pixels in the images of a static camera, mask files, and moving cameras."""
 
+from bisect import bisect_left
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
+from itertools import pairwise
 from pathlib import Path
 
 import cv2
@@ -40,6 +42,8 @@ APART_NS = 500_000_000
 """Minimum time between the images of a pair; half the burst if that is shorter."""
 MIN_STILL = 0.25
 """Minimum static fraction of the image; below it the camera moves, or moving objects fill its view."""
+SHIFT_IMAGES = 7
+"""Number of images, spread over the burst, between which a camera's shifts are searched."""
 SIDE_PX = 640
 """Longer side to which larger images are reduced."""
 TRACKED_PX = 15
@@ -200,6 +204,32 @@ def _follow_pairs(dataset: Dataset, camera: str, apart_ns: int) -> list[tuple[fl
         for moved, ms in motions
         if len(moved) >= MIN_CELLS
     ]
+
+
+def find_shifts(dataset: Dataset, camera: str) -> list[tuple[int, int, float]]:
+    """Return when a camera at rest was moved to another place, as a bumped tripod is.
+
+    Each shift is the last instant before it, the first instant after it, and its size in px. A camera that
+    moves steadily has none that ends.
+    """
+    there = dataset.instants(camera)
+
+    def moved_px(first: int, second: int) -> float:
+        """Return by how much the image moves between two instants; 0 if it stays, or shows too little."""
+        moved = _cell_motions(*(dataset.grey(camera, there[at]) for at in (first, second)))
+        return (
+            float(np.median(moved))
+            if len(moved) >= MIN_CELLS and (moved < SHAKE_PX).mean() < MIN_STILL
+            else 0.0
+        )
+
+    shifts = []
+    for begin, end in pairwise(evenly_spaced(range(len(there)), SHIFT_IMAGES)):
+        if px := moved_px(begin, end):
+            last = bisect_left(range(begin, end), True, key=lambda at: moved_px(begin, at) > 0) - 1 + begin
+            first = bisect_left(range(begin, end), True, key=lambda at: moved_px(at, end) == 0) + begin
+            shifts.append((there[last], there[max(first, last + 1)], px))
+    return shifts
 
 
 def _cell_motions(before: Array, after: Array) -> Array:

@@ -6,7 +6,7 @@ which A's image was taken. Motion along the line carries no information.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Self
 
 import numpy as np
@@ -255,6 +255,10 @@ class OffsetFit:
     """Single images of the first and of the second camera that are at another time, and how much later."""
     unvoted: tuple[int, ...] = ()
     """Instants that were examined and show no offset of their own."""
+    repeats_ms: float = 0.0
+    """Period of all that moves in front of one of the cameras; 0 if it does not repeat."""
+    moved: Mapping[str, str] = field(default_factory=dict)
+    """Cameras that were moved during the take, and how, in words; only a part of it is measured."""
 
     @property
     def examined(self) -> int:

@@ -1,115 +1,16 @@
 """Offsets and rates of recordings without common times: from the amount of motion, then moving points."""
 
-from collections.abc import Sequence
-from functools import lru_cache, partial
-from itertools import pairwise
-
-import cv2
 import numpy as np
 
 from capture_app.console.terminal import Progress
 from capture_app.session.alignment.clock_line import chain_cameras, fit_clock_line
 from capture_app.session.format.common_times import CameraTimes
-from reconstruction.common.geometry import Array
 from reconstruction.scene.dataset import Dataset
 from reconstruction.scene.scene import Scene
 from reconstruction.time_offsets.camera_time import ImageTimes
 from reconstruction.time_offsets.crossings import SYSTEMATIC_MS, OffsetFit
-from reconstruction.time_offsets.pair_offset import PairOffsets, RoughOffset
+from reconstruction.time_offsets.pair_offset import PairOffsets
 from reconstruction.time_offsets.rig_offsets import MOTION, likely_pairs
-
-SIDE_PX = 160
-"""Longer side to which images are reduced; only the amount of change matters."""
-STEPS = 3.0
-"""Resampling steps per frame period."""
-MIN_OVERLAP_S = 1.0
-MIN_IMAGES = 8
-"""Minimum number of images that are compared."""
-CANDIDATES = 8
-APART_STEPS = 4
-
-
-Activity = tuple[Array, Array]
-"""Times (n,) ms, and the motion in view of a camera: mean change of a pixel in 1 ms, grey levels."""
-MAX_ERROR_FRAMES = 2.5
-"""Maximum error of a rough offset, in frame periods."""
-TRIAL_INSTANTS = 8
-MAX_INSTANTS = 60
-DISTINCT = 1.5
-"""Ratio of an offset's agreeing crossings to another's from which the other is not tried again."""
-DISTINCT_AT_ONCE = 1.2
-"""The same at the same instants, at which a motion that repeats has nearly as many in every period."""
-COMPARED_INSTANTS, MIN_COMPARED = 24, 6
-"""Maximum and minimum number of instants at which two offsets are compared."""
-REPEATS = 0.5
-"""Minimum correlation of the amount of motion with itself, a lag later, for a motion that repeats."""
-
-
-def measure_activity(dataset: Dataset, camera: str) -> Activity:
-    """Measure the change from each of a camera's images to the next, timed at the middle between them."""
-    there = dataset.instants(camera)
-    scale = SIDE_PX / max(dataset.size(camera))
-    small = (
-        cv2.resize(dataset.grey(camera, k), None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
-        for k in there
-    )
-    changes = []
-    for before, after in pairwise(small):
-        difference = cv2.absdiff(before, after).astype(np.float32)
-        # Switching a light is not motion.
-        changes.append(float(np.clip(difference - np.median(difference), 0, None).mean()))
-    times_ms = np.array([dataset.record(camera, k).leader_ns - dataset.instants_ns[0] for k in there]) / 1e6
-    return (times_ms[1:] + times_ms[:-1]) / 2, np.array(changes) / np.diff(times_ms)
-
-
-def rough_offsets_ms(first: Activity, second: Activity, period_ms: float) -> Sequence[float]:
-    """Return the offsets (ms) of the second camera at which both activities correlate, best first."""
-    step = period_ms / STEPS
-    if min(len(times_ms) for times_ms, _ in (first, second)) < MIN_IMAGES:
-        return []
-    a, b = (_evenly(activity, step) for activity in (first, second))
-    min_steps = max(round(MIN_OVERLAP_S * 1e3 / step), min(len(a), len(b)) // 3)
-    lags = np.arange(-(len(b) - min_steps), len(a) - min_steps + 1)
-    # A correlation over more images is less likely to be chance.
-    fits = np.array(
-        [correlation * np.sqrt(size) for correlation, size in (_correlation(a, b, int(k)) for k in lags)]
-    )
-    chosen: list[float] = []
-    for k in np.argsort(-fits):
-        if fits[k] <= 0 or len(chosen) == CANDIDATES:
-            break
-        offset = float(first[0][0] - second[0][0] + lags[k] * step)
-        if all(abs(offset - other) > APART_STEPS * step for other in chosen):
-            chosen.append(offset)
-    return chosen
-
-
-def repeats_after_ms(activity: Activity, period_ms: float) -> float | None:
-    """Return the time after which the motion of MIN_IMAGES or more repeats, ms; None if it does not."""
-    a = _evenly(activity, period_ms / STEPS)
-    again = np.array([_correlation(a, a, lag)[0] for lag in range(2 * len(a) // 3)])
-    # From where it differs most from itself: a slow motion is like itself for a while.
-    start = int(again.argmin())
-    best = start + int(again[start:].argmax())
-    return best * period_ms / STEPS if start and again[best] > REPEATS else None
-
-
-def _evenly(activity: Activity, step_ms: float) -> Array:
-    """Return the logarithm of the motion, at even times from the first on."""
-    times_ms, change = activity
-    at_ms = np.arange(times_ms[0], times_ms[-1], step_ms)
-    return np.asarray(np.interp(at_ms, times_ms, np.log(change + 0.1 * np.median(change) + 1e-9)))
-
-
-def _correlation(a: Array, b: Array, lag: int) -> tuple[float, int]:
-    """Return the correlation of the overlap when b begins `lag` steps after a, and its length."""
-    begin, end = max(0, lag), min(len(a), lag + len(b))
-    if end - begin < 2:
-        return -1.0, 1
-    x, y = a[begin:end], b[begin - lag : end - lag]
-    x, y = x - x.mean(), y - y.mean()
-    size = float(np.linalg.norm(x) * np.linalg.norm(y))
-    return (float(x @ y) / size if size else -1.0), end - begin
 
 
 def align_cameras(scene: Scene, progress: Progress) -> dict[str, CameraTimes]:
@@ -118,85 +19,17 @@ def align_cameras(scene: Scene, progress: Progress) -> dict[str, CameraTimes]:
     The times of a camera have an offset or a reason.
     """
     pairs, offsets = {frozenset(pair) for pair in likely_pairs(scene)}, PairOffsets(scene)
-    activity = lru_cache(maxsize=None)(partial(measure_activity, scene.dataset))
 
     def against(first: str, second: str) -> CameraTimes:
         """Measure the second camera's times relative to the first's."""
         if frozenset((first, second)) not in pairs:
             return CameraTimes(reason="its view overlaps with no camera whose offset is known")
         progress.step(f"{second} against {first}")
-        rough = _rough_offset(offsets, (first, second), activity(first), activity(second))
-        if isinstance(rough, str):
-            return CameraTimes(reason=rough)
-        if (fit := offsets.measure(first, second, MAX_INSTANTS, rough=rough)).offset_ms is None:
+        if (fit := offsets.measure_anywhere(first, second)).offset_ms is None:
             return CameraTimes(reason=fit.reason)
-        if fit.change.steps:
-            return CameraTimes(reason=f"{fit.change.describe(second, first)}: it dropped or repeated frames")
         return _line(scene.dataset, first, second, fit)
 
     return chain_cameras(scene.dataset.cameras, against)
-
-
-def _rough_offset(
-    offsets: PairOffsets, pair: tuple[str, str], first: Activity, second: Activity
-) -> RoughOffset | str:
-    """Return the candidate offset on which most points agree, or the reason why there is none."""
-    period_ms = offsets.dataset.period_ns / 1e6
-    tried = list[tuple[float, float]]()
-    reason = "the amount of motion in view matches at no offset"
-    for offset_ms in rough_offsets_ms(first, second, period_ms):
-        fit = offsets.measure(*pair, TRIAL_INSTANTS, rough=(offset_ms, MAX_ERROR_FRAMES * period_ms))
-        if fit.offset_ms is None:
-            reason = fit.reason
-        else:
-            tried.append((fit.votes, fit.offset_ms))
-    if not tried:
-        return reason
-    votes, best_ms = max(tried)
-    lags = {lag for camera in (first, second) if (lag := repeats_after_ms(camera, period_ms))}
-    # The amount of motion repeats each time that a pendulum comes by: twice in a period.
-    rivals = [best_ms + n * lag for lag in lags for n in (-2, -1, 1, 2)]
-    rivals += [other_ms for other, other_ms in tried if votes < DISTINCT * other]
-    equal = [best_ms]
-    for other_ms in rivals:
-        is_new = all(abs(other_ms - ms) > period_ms for ms in equal)
-        if (
-            is_new
-            and _overlap_ms(first, second, other_ms) > MIN_IMAGES * period_ms
-            and not _excludes(offsets, pair, best_ms, other_ms)
-        ):
-            equal.append(other_ms)
-    if len(equal) > 1:
-        listed = ", ".join(f"{ms:+.0f}" for ms in sorted(equal))
-        return f"the motion repeats: offsets of {listed} ms fit equally"
-    return best_ms, 1.5 * period_ms
-
-
-def _overlap_ms(first: Activity, second: Activity, late_ms: float) -> float:
-    """Return for how long both cameras have images if the second is so much later."""
-    (a, _), (b, _) = first, second
-    return float(min(a[-1], b[-1] + late_ms) - max(a[0], b[0] + late_ms))
-
-
-def _excludes(offsets: PairOffsets, pair: tuple[str, str], best_ms: float, other_ms: float) -> bool:
-    """Return whether clearly more points agree on one offset than on the other.
-
-    They are compared at instants that have images for both, else at each one's own. An offset that has too
-    few is not excluded.
-    """
-    reach_ms = MAX_ERROR_FRAMES * offsets.dataset.period_ns / 1e6
-
-    def compared(best_beside_ms: float | None, other_beside_ms: float | None, distinct: float) -> bool | None:
-        best, other = (
-            offsets.measure(*pair, COMPARED_INSTANTS, rough=(near_ms, reach_ms), beside_ms=beside_ms)
-            for near_ms, beside_ms in ((best_ms, best_beside_ms), (other_ms, other_beside_ms))
-        )
-        if min(best.examined, other.examined) < MIN_COMPARED:
-            return None
-        return best.votes / best.examined > distinct * other.votes / other.examined
-
-    at_once = compared(other_ms, best_ms, DISTINCT_AT_ONCE)
-    return bool(compared(None, None, DISTINCT) if at_once is None else at_once)
 
 
 def _line(dataset: Dataset, first: str, second: str, fit: OffsetFit) -> CameraTimes:

@@ -17,7 +17,7 @@ from reconstruction.common.worker_pool import computed_once
 from reconstruction.scene.calibration.consistency import fit_one_plane
 from reconstruction.scene.conditions import evenly_spaced
 from reconstruction.scene.instant_choice import choose_moving_instants
-from reconstruction.scene.moving_pixels import MIN_STILL, measure_camera_motion
+from reconstruction.scene.moving_pixels import MIN_STILL, find_shifts, measure_camera_motion
 from reconstruction.scene.pairs import FAINT_CONTRAST, detect_features, match_at_rest
 from reconstruction.scene.scene import Scene
 from reconstruction.time_offsets.camera_time import ImageTimes
@@ -44,6 +44,8 @@ from reconstruction.time_offsets.pair_geometry import (
     epipolar_errors_px,
     other_calibrations,
 )
+from reconstruction.time_offsets.repetition import repetition_ms
+from reconstruction.time_offsets.rough_offset import RoughOffset, find_rough_offset, measure_activity
 from reconstruction.time_offsets.single_images import repeated_images
 
 MAX_POINTS = 400
@@ -68,12 +70,16 @@ MAX_FRAMES = 20
 """Maximum offset searched for, in frames to either side."""
 INSTANTS = 6, 48
 """Minimum and maximum number of instants of a pair."""
+MAX_ALIGNED_INSTANTS = 60
+"""The same maximum for recordings without common times, whose clocks' rates are measured too."""
 IMAGES = 150
 """Approximate number of images of all cameras together; more cameras mean fewer instants of each pair."""
 DISAGREEING = 3.0
 """Standard deviations between two fits of an offset from which they contradict each other."""
 LINEAR_STEPS = 4
 """Maximum number of times that points are moved along their paths to the offset found."""
+MIN_REST = 0.3
+"""Minimum fraction of a camera's instants between two shifts from which those alone are measured."""
 PLACINGS, BESIDE_STEP = 3, 6
 """Maximum number of times that further instants around a step are measured, and how many each time."""
 UNDETERMINED = (
@@ -102,8 +108,6 @@ MovingPoints = tuple[Array, Array]
 """Unit descriptors (n, 128) of points; positions (3, n, 2) px in the previous image, their own and the next.
 
 Positions are NaN where tracking failed."""
-RoughOffset = tuple[float, float]
-"""Approximate delay of a pair's second camera, and the maximum error of this delay, ms."""
 MovingMatches = tuple[Array, Array, Array]
 """Matches (n, 2) px in two cameras at the same time, and their speeds (n, 2) in the second, px/ms."""
 
@@ -120,9 +124,13 @@ class PairOffsets:
         self._outlines = computed_once(self._find_outlines)
         self._stays = computed_once(self._find_staying)
         self._motion = computed_once(partial(measure_camera_motion, scene.dataset))
+        self._rest = computed_once(self._find_rest)
+        self._repetition = computed_once(partial(repetition_ms, scene.dataset))
         self.repeated = computed_once(partial(repeated_images, scene.dataset))
+        self._activity = computed_once(partial(measure_activity, scene.dataset))
         # A comparison's pair is also one of its rig's.
         self.measure = computed_once(self._measure)
+        self.measure_anywhere = computed_once(self._measure_anywhere)
 
     def moving(self, cameras: Iterable[str]) -> dict[str, tuple[float, float]]:
         """Return the motion (px, in ms) of cameras that move while they record, without static background."""
@@ -130,7 +138,47 @@ class PairOffsets:
             name: motion[1:]
             for name in cameras
             if (motion := self._motion(name)) is not None and motion[0] < MIN_STILL
+            if not self._rest(name)[1]
         }
+
+    def _find_rest(self, camera: str) -> tuple[Sequence[int], str]:
+        """Return the longest part of a camera's instants without a shift, and the shift in words.
+
+        All instants and no words if it was not moved, or if that part is short: then it moves all the time.
+        The images beside a shift show no motion either, as points are tracked over it.
+        """
+        there = self.dataset.instants(camera)
+        shifts, begin, parts = find_shifts(self.dataset, camera), 0, []
+        for last, first, _ in [*shifts, (there[-1] + 1, 0, 0.0)]:
+            parts.append([k for k in there if begin <= k < last])
+            begin = first + 1
+        longest = max(parts, key=len)
+        if not shifts or len(longest) < MIN_REST * len(there):
+            return there, ""
+        places = " and ".join(f"by {px:.1f} pixels before instant {first}" for _, first, px in shifts)
+        return longest, (
+            f"{camera} itself was moved {places}: only instants {longest[0]} to {longest[-1]} are measured"
+        )
+
+    def _measure_anywhere(self, first: str, second: str) -> OffsetFit:
+        """Measure as `measure` does; of recordings without common times, anywhere in their whole overlap."""
+        if not self.dataset.unsynchronized:
+            return self.measure(first, second)
+        rough = find_rough_offset(
+            partial(self.measure, first, second),
+            self._activity(first),
+            self._activity(second),
+            max(map(self._repetition, (first, second))),
+            self.dataset.period_ns / 1e6,
+        )
+        if isinstance(rough, str):
+            return OffsetFit(reason=rough)
+        fit = self.measure(first, second, MAX_ALIGNED_INSTANTS, rough=rough)
+        if fit.change.steps:
+            return OffsetFit(
+                reason=f"{fit.change.describe(second, first)}: it dropped or repeated frames", moved=fit.moved
+            )
+        return fit
 
     def _measure(
         self,
@@ -155,12 +203,15 @@ class PairOffsets:
         near_ms, max_offset_ms = rough or (0.0, self.max_offset_ms)
         others = {
             other: times.at_ms(second, other) + near_ms
-            for other in self.dataset.instants(second)
+            for other in self._rest(second)[0]
             if other not in self.repeated(second)
         }
         all_moves = bool(self.moving((first, second)))
         cameras = (first, second) if rough is None else (first,)
-        asked = tuple(k for k in self.dataset.instants(*cameras) if k not in self.repeated(first))
+        rest = set.intersection(*({*self._rest(camera)[0]} for camera in cameras))
+        asked = tuple(
+            k for k in self.dataset.instants(*cameras) if k in rest and k not in self.repeated(first)
+        )
         if rough is not None:
             low, high = min(others.values(), default=0.0), max(others.values(), default=0.0)
             apart = 0.0 if beside_ms is None else beside_ms - near_ms
@@ -219,7 +270,8 @@ class PairOffsets:
                     for lenses in other_calibrations(pair, *at_rest)
                 ]
             )
-        return self._placed(fit.later(near_ms).examined_at(chosen), (first, second))
+        fit = self._limited(fit.later(near_ms).examined_at(chosen), (first, second))
+        return self._placed(fit, (first, second))
 
     def _why_unmeasurable(self, first: str, second: str) -> str:
         """Return why the calibration shows no offset between two cameras; empty if it does."""
@@ -233,6 +285,12 @@ class PairOffsets:
         if self.moving((first, second)):
             return GUESSED_IN_MOTION
         return UNDETERMINED if fit_one_plane(*self._still_matches(first, second)) else ""
+
+    def _limited(self, fit: OffsetFit, cameras: tuple[str, str]) -> OffsetFit:
+        """Return a fit with the shifts of cameras that were moved, and with the period of what repeats."""
+        moved = {camera: text for camera in cameras if (text := self._rest(camera)[1])}
+        repeats_ms = 0.0 if fit.offset_ms is None else max(map(self._repetition, cameras))
+        return replace(fit, moved=moved, repeats_ms=repeats_ms)
 
     def _placed(self, fit: OffsetFit, cameras: tuple[str, str]) -> OffsetFit:
         """Return a fit with its steps placed by what moves in each camera's own images."""
@@ -328,7 +386,7 @@ class PairOffsets:
     def _still_matches(self, first: str, second: str) -> tuple[Array, Array]:
         """Return matched static points, (n, 2) px in each camera."""
         matches = [(np.zeros((0, 2)), np.zeros((0, 2)))]
-        some = evenly_spaced(self.dataset.instants(first, second), STILL_INSTANTS)
+        some = evenly_spaced(sorted({*self._rest(first)[0]} & {*self._rest(second)[0]}), STILL_INSTANTS)
         half = len(some) // 2
         for k, other in zip(some, some[half:] + some[:half], strict=True):
             a, b = (self.scene.features.at_rest(k)[name] for name in (first, second))

@@ -51,7 +51,7 @@ def measure_rig_offsets(
 
     def measure(pair: Pair) -> OffsetFit:
         progress.step(f"{pair[1]} against {pair[0]}")
-        return finder.measure(*pair)
+        return finder.measure_anywhere(*pair)
 
     with worker_pool() as pool:
         measured = dict(zip(pairs, pool.map(measure, pairs), strict=True))
@@ -142,8 +142,9 @@ def _single(
     An image is off if it is in all pairs. A lone pair blames the camera that is not the reference.
     """
     its = {pair: fit for pair, fit in known.items() if name in pair and {*pair} <= {*found}}
+    moved = tuple({text for fit in its.values() for camera, text in fit.moved.items() if camera == name})
     if not its or (found[name].source == REFERENCE and len(its) == 1):
-        return {}
+        return {"images": SingleImages(moved=moved)} if moved else {}
     jitter_ms = min(fit.jitter_ms(period_ms) or 0.0 for fit in its.values())
     odd_ms = [
         {k: ms if pair[1] == name else -ms for k, ms in fit.odd_ms(MIN_JITTER_FRAMES * period_ms).items()}
@@ -156,6 +157,8 @@ def _single(
         unvoted=tuple(sorted(set.intersection(*(set(fit.unvoted) for fit in its.values())))),
         examined=max(fit.examined for fit in its.values()),
         period_ms=period_ms,
+        repeats_ms=min(fit.repeats_ms for fit in its.values()),
+        moved=moved,
     )
     return {"jitter_ms": jitter_ms or None, "images": images}
 

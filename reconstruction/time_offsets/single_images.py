@@ -40,12 +40,26 @@ class SingleImages(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """Number of instants that were examined."""
     period_ms: float = 0.0
     """Time from frame to frame."""
+    repeats_ms: float = 0.0
+    """Period of all that moves: the offset may be a multiple of it more or less; 0 if it does not repeat."""
+    moved: tuple[str, ...] = ()
+    """Which cameras were moved during the take, and how: only a part of it was measured."""
+
+    @property
+    def span(self) -> str:
+        """Which other offsets fit as well, to follow an offset; empty if none does."""
+        return (
+            f", or a multiple of {self.repeats_ms:.0f} ms more or less, as what moves repeats itself"
+            if self.repeats_ms
+            else ""
+        )
 
     def describe(self, camera: str, than: str) -> Iterator[str]:
         """Yield a sentence about each kind, without a full stop."""
         by_size: dict[str, list[int]] = {}
         for instant, ms in sorted(self.glitches_ms.items()):
             by_size.setdefault(_later(ms, self.period_ms), []).append(instant)
+        yield from self.moved
         view = {"images": self, "camera": camera, "than": than, "by_size": by_size}
         for kind in ("glitches", "repeated", "stalled", "odd", "unvoted"):
             if text := render_sentences("single_images.txt", __package__, kind=kind, **view):

@@ -49,6 +49,17 @@ def test_without_common_times_nothing_is_called_synchronized() -> None:
     assert "do not show whether" in timing_sentences(found)
 
 
+def test_a_camera_that_was_moved_during_the_take_is_told_and_certifies_nothing() -> None:
+    moved = {"R": "R itself was moved by 4.2 pixels before instant 3: only instants 4 to 9 are measured"}
+    fit = OffsetFit(0.4, 0.3, "", tuple(InstantOffset(k, 0.4, 0.5, 20) for k in range(5)), moved=moved)
+    found = with_unseen_ends(judge_timing(PAIR, fit, 0.0, FRAME_MS), unseen_ends(fit))
+    assert (found.synchronized, found.offset) == (False, False)
+    assert found.same_frame_ms is None
+    assert found.reason == "R was moved during the take"
+    assert moved["R"] in timing_sentences(found)
+    assert not steady_pairs({PAIR: fit}, FRAME_MS)
+
+
 def test_staggered_cameras_are_as_planned_and_never_of_one_instant() -> None:
     found = with_planned_delay(judged(0.1, 0.3, apart_ms=25.0), 25.0)
     assert found.offset

@@ -104,7 +104,7 @@ def test_where_nothing_moves_nothing_is_aligned(
 
 def test_pictures_that_happen_to_agree_are_not_called_synchronized(scene: Scene, tmp_path: Path) -> None:
     cameras = {"left": Recorder(LEFT.view), "right": Recorder(NTSC.view)}
-    session = write_cut_apart(tmp_path, scene, cameras, 0.3)
+    session = write_cut_apart(tmp_path, scene, cameras, 1.6)
     opened = OpenScene(Dataset.open(session.folder))
     timing = measure_pair_timing(PairOffsets(opened), ("left", "right"))
     assert timing.late_ms is not None
@@ -120,9 +120,13 @@ def test_a_motion_that_repeats_aligns_nothing_unless_another_breaks_its_period(
     cameras = {"left": LEFT, "right": Recorder(SECOND["above"], start_s=0.82)}
     session = write_cut_apart(tmp_path, pendulum(is_broken), cameras, 2.5, path=swing(0.7))
     found = align_cameras(OpenScene(Dataset.open(session.folder)), Progress(0, silent=True))["right"]
+    timing = measure_pair_timing(PairOffsets(OpenScene(Dataset.open(session.folder))), ("left", "right"))
     if is_broken:
         assert found.offset_ns == pytest.approx(820e6, abs=1e6)
+        assert timing.late_ms == pytest.approx(820, abs=1)
     else:
+        assert timing.late_ms is None
+        assert timing.reason == found.reason
         assert found.offset_ns is None
         assert "+120" in found.reason
         assert "+820" in found.reason

@@ -3,16 +3,20 @@
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
 
 from capture_app.companions.importing.recording import ImportOptions
 from capture_app.session.reading.reader import Session
+from reconstruction.common.geometry import View
 from reconstruction.method.timing import measure_pair_timing
 from reconstruction.scene.dataset import Dataset
 from reconstruction.scene.scene import Scene as OpenScene
 from reconstruction.time_offsets.pair_offset import PairOffsets
 from tests.imported import import_one
-from tests.unit.reconstruction.conftest import PERIOD_NS, VIEWS, Scene, write_session
+from tests.unit.reconstruction.conftest import FOCAL, PERIOD_NS, VIEWS, Reconstruct, Scene, write_session
+from tests.unit.reconstruction.time_offsets.cut_apart import wander
 
 PAIR = {name: VIEWS[name] for name in ("left", "right")}
 
@@ -37,6 +41,30 @@ def test_fractions_of_a_frame_are_found_from_either_side(scene: Scene, tmp_path:
         timing = measure_pair_timing(offsets, pair)
         assert timing.synchronized == (late == 0)
         assert timing.offset == (late != 0)
+
+
+def test_a_bumped_tripod_is_no_dropped_frame(scene: Scene, tmp_path: Path, reconstruct: Reconstruct) -> None:
+    """From instant 16 on all that the right camera sees is 4 px lower: "3 frames later", it was said."""
+    wandering = replace(scene, boards=[*scene.boards[:-1], replace(scene.boards[-1], path=wander)])
+
+    def bump(view: View, time: float) -> View:
+        turned = (
+            cv2.Rodrigues(np.array([4 / FOCAL, 0, 0]))[0]
+            if view is PAIR["right"] and time >= 16
+            else np.eye(3)
+        )
+        return replace(view, rotation=turned @ view.rotation, translation=turned @ view.translation)
+
+    session = write_session(tmp_path, wandering, PAIR, instants=24, truth=False, moved=bump)
+    found = offsets_of(session).measure("left", "right")
+    assert found.offset_ms is not None, found.reason
+    assert found.sd_ms is not None
+    assert abs(found.offset_ms) < 3 * found.sd_ms
+    assert not found.change
+    said = reconstruct("time", session.folder).out
+    assert "right itself was moved by 4." in said
+    assert "before instant 16: only instants 0 to 14 are measured" in said
+    assert "--repair-drops" not in said
 
 
 def test_it_is_said_why_nothing_can_be_told(scene: Scene, tmp_path: Path) -> None:

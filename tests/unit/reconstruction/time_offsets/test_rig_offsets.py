@@ -76,3 +76,12 @@ def test_an_unknown_reference_is_refused_in_one_line(tmp_path: Path, reconstruct
     done = reconstruct("time", tmp_path / "nothing", "--reference", "left")
     assert done.code == 3
     assert "no session" in done.complaint
+
+
+def test_a_moved_camera_is_named_once_and_as_the_reference_too() -> None:
+    text = "a itself was moved by 4.2 pixels before instant 14: only instants 15 to 29 are measured"
+    measured = {("a", "b"): OffsetFit(0.1, 0.5, moved={"a": text})}
+    for reference in "ab":
+        found = with_changes(adjust_offsets("ab", reference, measured), measured, 33.3)
+        result = TimeResult(session="s", reference=reference, cameras=found, calibration="", seconds=1)
+        assert render_lines("times.txt", "reconstruction.commands", result=result).count(text) == 1

@@ -6,8 +6,8 @@ import pytest
 from reconstruction.common.geometry import Array
 from reconstruction.time_offsets.crossings import Crossings, _fit
 from reconstruction.time_offsets.lamp import BlinkEdge, find_edge_time
-from reconstruction.time_offsets.motion_alignment import rough_offsets_ms
 from reconstruction.time_offsets.pair_geometry import geometry_terms
+from reconstruction.time_offsets.rough_offset import rough_offsets_ms
 from tests.unit.reconstruction.time_offsets.test_offset_fit import NOTHING_STILL
 from tests.unit.reconstruction.time_offsets.test_pair_geometry import A, B, seen
 

@@ -1,0 +1,72 @@
+"""Time after which all that moves in front of a camera looks the same again, as a turning disc does."""
+
+import cv2
+import numpy as np
+
+from reconstruction.common.geometry import Array
+from reconstruction.scene.dataset import Dataset
+from reconstruction.time_offsets.frame_jumps import BLUR_PX, NOISES
+from reconstruction.time_offsets.rough_offset import MIN_IMAGES, SIDE_PX
+
+MAX_IMAGES = 120
+"""Maximum number of successive images that are compared, in the middle of the take."""
+MIN_FRACTION = 1 / 3
+"""Minimum fraction of the images that are like the ones a period before, beside their minimum number."""
+UNLIKE, ALIKE = 0.3, 0.7
+"""Autocorrelation that motion falls below, and then exceeds again after its period.
+
+Of a turning disc it is 1, or 0.76 if its period ends between two frames, and 0.3 at other times. With
+something beside it that does not repeat, or has another period, it is 0.6 at most (simulated).
+"""
+
+
+def repetition_ms(dataset: Dataset, camera: str) -> float:
+    """Return the period of all that moves in a camera's images, ms; 0 if something does not repeat.
+
+    It is the first maximum of the images' autocorrelation, without what stands still, in steps of half a
+    frame. Periods longer than the take are not seen.
+    """
+    there = dataset.instants(camera)
+    spare = max(0, len(there) - MAX_IMAGES) // 2
+    there = there[spare : spare + MAX_IMAGES]
+    if len(there) <= MIN_IMAGES:
+        return 0.0
+    scale = SIDE_PX / max(dataset.size(camera))
+    images = np.stack(
+        [
+            cv2.GaussianBlur(
+                cv2.resize(dataset.grey(camera, k), None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA),
+                (0, 0),
+                BLUR_PX,
+            )
+            for k in there
+        ]
+    ).astype(np.float32)
+    images -= np.median(images, axis=0)
+    images -= np.median(images, axis=(1, 2), keepdims=True)
+    noise = NOISES * np.median(np.abs(images))
+    moving = (images - np.clip(images, -noise, noise)).reshape(len(images), -1)
+    spacing_ns = np.median(np.diff([dataset.record(camera, k).leader_ns for k in there]))
+    return _first_period(moving) / 2 * float(spacing_ns) / 1e6
+
+
+def _first_period(moving: Array) -> int:
+    """Return the period of images (t, n) in half frames, 0 if there is none.
+
+    Images are compared with later ones, and with the means of two successive ones.
+    """
+    halves = np.repeat(moving, 2, axis=0)[:-1]
+    halves[1::2] = (moving[1:] + moving[:-1]) / 2
+    products = halves @ halves.T
+    power = np.diagonal(products)
+    lags = range(2 * (len(moving) - max(MIN_IMAGES, int(MIN_FRACTION * len(moving)))))
+    both = [np.diagonal(products, lag)[::2].sum() for lag in lags]
+    norms = [power[: len(power) - lag : 2].sum() * power[lag::2].sum() for lag in lags]
+    alike = np.array(both) / np.sqrt(np.maximum(norms, 1e-9))
+    unlike = np.flatnonzero(alike < UNLIKE)
+    again = np.flatnonzero((alike > ALIKE) & (np.arange(len(alike)) > unlike.min(initial=len(alike))))
+    if not len(again):
+        return 0
+    # The first maximum: up to where the images differ again.
+    end = min((k for k in unlike if k > again[0]), default=len(alike))
+    return int(again[0] + alike[again[0] : end].argmax())

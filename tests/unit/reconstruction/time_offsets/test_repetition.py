@@ -1,0 +1,114 @@
+"""Motion that repeats fits offsets a whole period apart, and both commands say so."""
+
+from collections.abc import Callable
+from types import SimpleNamespace
+from typing import cast
+
+import cv2
+import numpy as np
+import pytest
+
+from reconstruction.common.geometry import Array
+from reconstruction.common.templates import render_lines
+from reconstruction.method.timing import judge_timing
+from reconstruction.report.findings import sentences
+from reconstruction.scene.dataset import Dataset
+from reconstruction.time_offsets.crossings import InstantOffset, OffsetFit
+from reconstruction.time_offsets.repetition import repetition_ms
+from reconstruction.time_offsets.rig_offsets import adjust_offsets, with_changes
+from reconstruction.time_offsets.session_offsets import TimeResult
+from tests.unit.reconstruction.conftest import texture
+
+PERIOD_MS = 20.0
+Drawn = Callable[[Array, int], None]
+
+
+def disc(turns: float, left: int = 20) -> Drawn:
+    """Draw a disc that turns by so much from frame to frame."""
+
+    def draw(image: Array, instant: int) -> None:
+        turn = cv2.getRotationMatrix2D((30, 30), 360 * turns * instant, 1.0)
+        turned = cv2.warpAffine(texture(5)[:61, :61], turn, (61, 61), borderMode=cv2.BORDER_REFLECT)
+        inside = np.hypot(*np.mgrid[-30:31, -30:31]) < 29
+        image[30:91, left : left + 61][inside] = turned[inside]
+
+    return draw
+
+
+def walker(image: Array, instant: int) -> None:
+    """Draw a board that walks by."""
+    left = 90 + 2 * instant
+    image[20:100, left : left + 40] = texture(7)[:80, :40]
+
+
+class Film:
+    """A camera at rest that films what is drawn, with noise."""
+
+    def __init__(self, *drawn: Drawn, count: int = 36) -> None:
+        self.drawn, self.count = drawn, count
+
+    def instants(self, *cameras: str) -> tuple[int, ...]:
+        """All of them."""
+        return tuple(range(self.count))
+
+    def record(self, camera: str, instant: int) -> SimpleNamespace:
+        """When an image was taken."""
+        return SimpleNamespace(leader_ns=round(instant * PERIOD_MS * 1e6))
+
+    def size(self, camera: str) -> tuple[int, int]:
+        """Width and height."""
+        return 200, 120
+
+    def grey(self, camera: str, instant: int) -> Array:
+        """The image of an instant."""
+        image = texture(3)[:120, :200].copy()
+        for draw in self.drawn:
+            draw(image, instant)
+        noise = np.random.default_rng(instant).normal(0, 1.2, image.shape)
+        return np.asarray(np.clip(image + noise, 0, 255), np.uint8)
+
+
+@pytest.mark.parametrize(
+    ("drawn", "frames"),
+    [
+        ((disc(1 / 12),), 12),
+        ((disc(1 / 12.5),), 12.5),
+        ((disc(1 / 12), disc(1 / 12, left=110)), 12),
+        ((disc(1 / 12), disc(1 / 15, left=110)), 0),
+        ((disc(1 / 12), walker), 0),
+        ((walker,), 0),
+        ((disc(1 / 60),), 0),
+        ((), 0),
+    ],
+)
+def test_a_period_is_that_of_all_that_moves(drawn: tuple[Drawn, ...], frames: float) -> None:
+    found = repetition_ms(cast("Dataset", Film(*drawn)), "a")
+    assert found == pytest.approx(frames * PERIOD_MS, abs=PERIOD_MS / 4)
+
+
+def test_a_take_of_few_images_shows_no_period() -> None:
+    assert repetition_ms(cast("Dataset", Film(disc(1 / 2), count=6)), "a") == 0
+
+
+@pytest.mark.parametrize(("late_ms", "certified"), [(0.1, True), (8.0, False)])
+def test_both_commands_say_which_other_offsets_fit(late_ms: float, certified: bool) -> None:
+    span = "or a multiple of 400 ms more or less"
+    instants = tuple(InstantOffset(k, late_ms, 0.5, 20) for k in range(6))
+    for period_ms in (0.0, 400.0):
+        fit = OffsetFit(late_ms, 0.3, instants=instants, repeats_ms=period_ms)
+        timing = judge_timing(("L", "R"), fit, 0.0, PERIOD_MS)
+        assert timing.synchronized == certified
+        assert (span in sentences("timing.txt", timing=timing)) == bool(period_ms)
+        assert not certified or (span in sentences("judgement.txt", timing=timing)) == bool(period_ms)
+        measured = {("L", "R"): fit}
+        cameras = with_changes(adjust_offsets("LR", "L", measured), measured, PERIOD_MS)
+        result = TimeResult(session="s", reference="L", cameras=cameras, calibration="", seconds=1)
+        (line,) = render_lines("times.txt", "reconstruction.commands", result=result)[1:]
+        assert line.startswith("R: +")
+        assert (span in line) == bool(period_ms)
+
+
+def test_a_camera_whose_offset_another_pair_determines_has_one() -> None:
+    measured = {("a", "b"): OffsetFit(0.0, 0.5, repeats_ms=400.0), ("b", "c"): OffsetFit(0.0, 0.5)}
+    found = with_changes(adjust_offsets("abc", "a", measured), measured, PERIOD_MS)
+    assert [found[name].images.repeats_ms for name in "abc"] == [0.0, 0.0, 0.0]

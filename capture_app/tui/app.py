@@ -337,7 +337,10 @@ class SimulshotApp(App[None]):
     async def action_run_in_mode(self, mode: str, action: str) -> None:
         """Switch to a mode and run an action of its view there."""
         await self.action_switch_mode(mode)
-        await self.run_action(action, self._views[mode])
+        if not await self.run_action(action, self._views[mode]):
+            self.notify(
+                f"nothing that this applies to is selected in {MODES[mode]}: select it, then try again"
+            )
 
     # Quitting
 

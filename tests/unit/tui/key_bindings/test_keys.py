@@ -109,6 +109,15 @@ async def test_the_palette_runs_an_analysis_and_an_export_of_the_selected_sessio
             await settle(pilot)
 
 
+async def test_an_analysis_of_no_session_says_so(tmp_path: Path) -> None:
+    app = make_app(FakeRig(1), sessions=tmp_path)
+    async with app.run_test(size=(80, 24), notifications=True) as pilot:
+        await settle(pilot)
+        (action,) = [one for one in app.get_system_commands(app.screen) if one.title == "People"]
+        await action.callback()
+        await until(pilot, lambda: any("is selected in Sessions" in toast for toast in toasts(app)))
+
+
 async def test_the_palette_knows_the_actions_of_all_modes() -> None:
     app = make_app(FakeRig(5))
     async with running(app) as pilot:

@@ -306,10 +306,10 @@ FOLDERS = {
 
 
 def phone_of(folder: Folder, camera: str) -> Phone:
-    """The phone whose clips became a camera: by the file's name, its first word, or its folder's name."""
+    """The phone whose clips became a camera: by the file's name, its first or last word, or its folder's."""
     for path, (phone, _) in folder.clips.items():
-        stem = Path(path).stem
-        if camera in {name_like(text, "") for text in (stem, stem.split("_")[0], Path(path).parts[0])}:
+        stem, words = Path(path).stem, Path(path).stem.split("_")
+        if camera in {name_like(text, "") for text in (stem, words[0], words[-1], Path(path).parts[0])}:
             return phone
     raise AssertionError(camera)
 

@@ -17,8 +17,7 @@ from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.manifest import CALIBRATION, BurstRecord, CameraRecord
 from capture_app.session.reading.reader import Session
 from capture_app.session.writing.session_writer import SessionWriter
-from reconstruction.common.geometry import Array, View
-from reconstruction.time_offsets.pair_geometry import epipolar_errors_px
+from reconstruction.common.geometry import Array, View, epipolar_errors_px
 from tests.facts import make_facts
 
 PERIOD_MS = 1e3 / 30

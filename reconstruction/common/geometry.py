@@ -136,6 +136,21 @@ def other_from_reference(reference: View, other: View) -> tuple[Array, Array]:
     return rotation, other.translation - rotation @ reference.translation
 
 
+def epipolar_errors_px(a: View, b: View, at_a: Array, at_b: Array) -> Array:
+    """Return the signed distances (n,) of matched pixels (n, 2) from the epipolar geometry of two views, px.
+
+    To first order (Sampson 1982; Hartley and Zisserman, 2nd edition, section 11.4.3). Zero for views at one
+    place, which have no such geometry.
+    """
+    rotation, translation = other_from_reference(a, b)
+    x, y, z = translation / max(1e-12, float(np.linalg.norm(translation)))
+    essential = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]]) @ rotation
+    rays_a, rays_b = a.rays(at_a), b.rays(at_b)
+    lines_b, lines_a = rays_a @ essential.T, rays_b @ essential
+    steepness = np.sqrt((lines_b[:, :2] ** 2).sum(1) / b.focal**2 + (lines_a[:, :2] ** 2).sum(1) / a.focal**2)
+    return np.asarray((rays_b * lines_b).sum(1) / np.maximum(steepness, 1e-12))
+
+
 def angle_deg(a: Array, b: Array) -> float:
     """Return the angle between two directions, degrees."""
     cosine = float(a @ b) / float(np.linalg.norm(a) * np.linalg.norm(b))

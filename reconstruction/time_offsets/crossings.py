@@ -12,7 +12,7 @@ from typing import Self
 import numpy as np
 from msgspec import Struct, structs
 
-from reconstruction.common.geometry import Array, View
+from reconstruction.common.geometry import Array, View, epipolar_errors_px
 from reconstruction.scene.calibration.consistency import consistent_matches
 from reconstruction.time_offsets.instant_votes import (
     DISTINCT,
@@ -29,7 +29,6 @@ from reconstruction.time_offsets.instant_votes import (
 )
 from reconstruction.time_offsets.pair_geometry import (
     TERMS,
-    epipolar_errors_px,
     geometry_terms,
     places,
 )

@@ -5,7 +5,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
-from reconstruction.common.geometry import Array, View, other_from_reference
+from reconstruction.common.geometry import Array, View, epipolar_errors_px
 from reconstruction.scene.calibration.consistency import consistent_matches
 
 ODDS_PX = (1.0, 0.5, 0.3, 0.15)
@@ -30,21 +30,6 @@ CORRECTED_PX = 0.5
 """Maximum median epipolar error that a correction may leave."""
 CORRECTION_POINTS = 500
 MIN_POINT_PX = 0.2
-
-
-def epipolar_errors_px(a: View, b: View, at_a: Array, at_b: Array) -> Array:
-    """Return the signed distances (n,) of matched pixels (n, 2) from the epipolar geometry of two views, px.
-
-    To first order (Sampson 1982; Hartley and Zisserman, 2nd edition, section 11.4.3). The views must be at
-    different places.
-    """
-    rotation, translation = other_from_reference(a, b)
-    x, y, z = translation / np.linalg.norm(translation)
-    essential = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]]) @ rotation
-    rays_a, rays_b = a.rays(at_a), b.rays(at_b)
-    lines_b, lines_a = rays_a @ essential.T, rays_b @ essential
-    steepness = np.sqrt((lines_b[:, :2] ** 2).sum(1) / b.focal**2 + (lines_a[:, :2] ** 2).sum(1) / a.focal**2)
-    return np.asarray((rays_b * lines_b).sum(1) / np.maximum(steepness, 1e-12))
 
 
 def geometry_terms(a: View, b: View, at_a: Array, at_b: Array) -> Array:

@@ -11,7 +11,7 @@ from msgspec import structs
 
 from capture_app.common.errors import BadInputError
 from capture_app.session.exporting.descriptor_matches import match_descriptors
-from reconstruction.common.geometry import Array, View
+from reconstruction.common.geometry import Array, View, epipolar_errors_px
 from reconstruction.common.image_matching import track_there_and_back
 from reconstruction.common.worker_pool import computed_once
 from reconstruction.scene.calibration.consistency import fit_one_plane
@@ -41,7 +41,6 @@ from reconstruction.time_offsets.outlines import Outlines, find_outlines, moves_
 from reconstruction.time_offsets.pair_geometry import (
     Correction,
     correct_views,
-    epipolar_errors_px,
     other_calibrations,
 )
 from reconstruction.time_offsets.repetition import repetition_ms

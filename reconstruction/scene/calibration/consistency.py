@@ -17,7 +17,7 @@ from msgspec import Struct
 from capture_app.common.errors import BadInputError
 from capture_app.session.format.calibration import LensKnowledge
 from capture_app.session.format.lens import triangulate_rays
-from reconstruction.common.geometry import Array, View, angle_deg, angles_deg, other_from_reference
+from reconstruction.common.geometry import Array, View, angle_deg, angles_deg, epipolar_errors_px
 from reconstruction.common.templates import render_sentences
 from reconstruction.scene.pairs import (
     CELLS,
@@ -246,7 +246,7 @@ def judge_focal_lengths(
 
     def distances(shift: float) -> Array:
         scaled = {**views, **{name: views[name].magnified(math.exp(shift)) for name in names}}
-        return np.concatenate([sampson_distances((scaled[a], scaled[b]), at) for (a, b), at in pairs.items()])
+        return np.concatenate([epipolar_errors_px(scaled[a], scaled[b], *at) for (a, b), at in pairs.items()])
 
     shift, given, small = 0.0, distances(0.0), 1e-4
     for _ in range(8):
@@ -270,18 +270,6 @@ def judge_focal_lengths(
     )
     is_wrong = is_sure and is_other and fits_px <= min(misses_px / 2, well_px)
     return text if is_wrong else "", is_sure and not is_other
-
-
-def sampson_distances(views: tuple[View, View], at: Array) -> Array:
-    """Return the signed distances (n,), px, of pairs of pixels (2, n, 2) from epipolar geometry (Sampson)."""
-    (first, second), (rotation, translation) = views, other_from_reference(*views)
-    essential = np.cross(np.eye(3), translation / max(1e-12, np.linalg.norm(translation))).T @ rotation
-    ray_a, ray_b = (view.rays(pixels) for view, pixels in zip(views, at, strict=True))
-    line_b, line_a = ray_a @ essential.T, ray_b @ essential
-    squares = [
-        (line[:, :2] ** 2).sum(1) / view.focal**2 for line, view in ((line_b, second), (line_a, first))
-    ]
-    return np.asarray((ray_b * line_b).sum(1) / np.sqrt(sum(squares)).clip(1e-12))
 
 
 def _shared_points(views: Mapping[str, View], features: Mapping[str, Features]) -> Groups:

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from reconstruction.time_offsets.pair_geometry import epipolar_errors_px, other_calibrations
+from reconstruction.common.geometry import epipolar_errors_px
+from reconstruction.time_offsets.pair_geometry import other_calibrations
 from tests.unit.reconstruction.time_offsets.test_pair_geometry import A, B, seen
 
 

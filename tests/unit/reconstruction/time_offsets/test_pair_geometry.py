@@ -6,10 +6,10 @@ import cv2
 import numpy as np
 import pytest
 
+from reconstruction.common.geometry import epipolar_errors_px
 from reconstruction.time_offsets.crossings import Crossings, fit_offset, points_at_offset, still_errors
 from reconstruction.time_offsets.pair_geometry import (
     correct_views,
-    epipolar_errors_px,
     geometry_terms,
 )
 from tests.unit.reconstruction.conftest import make_view

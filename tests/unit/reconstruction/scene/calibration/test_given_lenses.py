@@ -18,7 +18,6 @@ from reconstruction.scene.calibration.board_calibration import count_coverage
 from reconstruction.scene.calibration.consistency import (
     check_rig,
     judge_focal_lengths,
-    sampson_distances,
 )
 from reconstruction.scene.calibration.stored import keep_calibration
 from reconstruction.scene.dataset import Dataset
@@ -85,13 +84,6 @@ def test_nobody_moved_where_doubtful_lenses_explain_it(features: Still) -> None:
     assert str(check).endswith("off by up to 1.8 to 13 % (95 %)")
     far = check_rig({**RIG, "c": turned(RIG["c"], pitch_px=30.0)}, features, doubtful)
     assert "c moved" in str(far)
-
-
-def test_distances_from_epipolar_lines() -> None:
-    """Of two cameras side by side, half the difference of the rows, in both pictures."""
-    pair = make_view((-0.1, 0.0, 0.0)), make_view((0.1, 0.0, 0.0))
-    at = np.array([[[100.0, 80.0], [150.0, 90.0]], [[90.0, 82.0], [120.0, 90.0]]])
-    assert np.abs(sampson_distances(pair, at)) == pytest.approx([2 / np.sqrt(2), 0.0], rel=0.01)
 
 
 @pytest.mark.parametrize("second", [make_view((0.1, 0.0, 0.0)), make_view((-0.1, 0.0, 0.0), yaw=2)])

@@ -205,6 +205,18 @@ def _grid(cameras: int, instants: int, path: Callable[[int, int], str], take: in
     return [Picture(path(c, i), Shot(c, i, take)) for c in range(cameras) for i in range(instants)]
 
 
+def _take_grids(
+    form: str, takes: Sequence[str], names: Sequence[str], numbers: Sequence[str]
+) -> list[Picture]:
+    """Return the pictures of all takes; a path is the form with take, camera and number as t, c and n."""
+    return [
+        Picture(form.format(t=take, c=name, n=number), Shot(c, i, t))
+        for t, take in enumerate(takes)
+        for c, name in enumerate(names)
+        for i, number in enumerate(numbers)
+    ]
+
+
 def _own(names: Iterable[str], *others: Iterable[str]) -> tuple[tuple[str, ...], ...]:
     return tuple(zip(names, *others, strict=True))
 
@@ -303,19 +315,9 @@ def _(rng: Random) -> Folder:
         _draw_numbers(rng, fewest=3),
     )
     form = rng.choice(("{t}_{c}_{n}.jpg", "{c}_{t}_{n}.jpg", "{t}-{c}-{n}.png"))
-    pictures = [
-        one
-        for t, take in enumerate(takes)
-        for one in _grid(
-            len(names),
-            len(numbers),
-            lambda c, i, take=take: form.format(t=take, c=names[c], n=numbers[i]),  # type: ignore[misc]
-            t,
-        )
-    ]
     return Folder(
         _own(names),
-        tuple(pictures),
+        tuple(_take_grids(form, takes, names, numbers)),
         answers=_NUMBERED,
         right=f"takes {', '.join(takes)}, each of all cameras",
         script=script,
@@ -332,19 +334,9 @@ def _(rng: Random) -> Folder:
     form = rng.choice(
         ("{t}/{c}/{n}.jpg", "{c}/{t}/{n}.jpg", "{t}/{c}/{n}.png", "session/{t}/{c}/frame_{n}.png")
     )
-    pictures = [
-        one
-        for t, take in enumerate(takes)
-        for one in _grid(
-            len(names),
-            len(numbers),
-            lambda c, i, take=take: form.format(t=take, c=names[c], n=numbers[i]),  # type: ignore[misc]
-            t,
-        )
-    ]
     return Folder(
         _own(names),
-        tuple(pictures),
+        tuple(_take_grids(form, takes, names, numbers)),
         answers=_NUMBERED,
         right=f"takes {', '.join(takes)}, each of all cameras",
         script=script,

@@ -6,7 +6,7 @@ import numpy as np
 from reconstruction.common.geometry import Array
 from reconstruction.scene.dataset import Dataset
 from reconstruction.time_offsets.frame_jumps import BLUR_PX, NOISES
-from reconstruction.time_offsets.rough_offset import MIN_IMAGES, SIDE_PX
+from reconstruction.time_offsets.rough_offset import MIN_IMAGES, reduced_image
 
 MAX_IMAGES = 120
 """Maximum number of successive images that are compared, in the middle of the take."""
@@ -31,16 +31,8 @@ def repetition_ms(dataset: Dataset, camera: str) -> float:
     there = there[spare : spare + MAX_IMAGES]
     if len(there) <= MIN_IMAGES:
         return 0.0
-    scale = SIDE_PX / max(dataset.size(camera))
     images = np.stack(
-        [
-            cv2.GaussianBlur(
-                cv2.resize(dataset.grey(camera, k), None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA),
-                (0, 0),
-                BLUR_PX,
-            )
-            for k in there
-        ]
+        [cv2.GaussianBlur(reduced_image(dataset, camera, k), (0, 0), BLUR_PX) for k in there]
     ).astype(np.float32)
     images -= np.median(images, axis=0)
     images -= np.median(images, axis=(1, 2), keepdims=True)

@@ -38,16 +38,18 @@ REPEATS = 0.5
 """Minimum correlation of the amount of motion with itself, a lag later, for a motion that repeats."""
 
 
+def reduced_image(dataset: Dataset, camera: str, instant: int) -> Array:
+    """Return an image's brightness, uint8, reduced so that its longer side is `SIDE_PX`."""
+    grey = dataset.grey(camera, instant)
+    scale = SIDE_PX / max(grey.shape)
+    return np.asarray(cv2.resize(grey, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA))
+
+
 def measure_activity(dataset: Dataset, camera: str) -> Activity:
     """Measure the change from each of a camera's images to the next, timed at the middle between them."""
     there = dataset.instants(camera)
-    scale = SIDE_PX / max(dataset.size(camera))
-    small = (
-        cv2.resize(dataset.grey(camera, k), None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
-        for k in there
-    )
     changes = []
-    for before, after in pairwise(small):
+    for before, after in pairwise(reduced_image(dataset, camera, k) for k in there):
         difference = cv2.absdiff(before, after).astype(np.float32)
         # Switching a light is not motion.
         changes.append(float(np.clip(difference - np.median(difference), 0, None).mean()))

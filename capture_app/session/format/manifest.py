@@ -204,7 +204,7 @@ class BurstRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True,
         return f"cut off after {len(self.instants_ns)} of {self.ordered} instants"
 
 
-class ImageRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class ImageRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, gc=False):
     """One image: its camera and instant, its times by both clocks with their errors, and its checksum."""
 
     camera: Name
@@ -526,15 +526,15 @@ def check_references(path: Path, manifest: Manifest) -> None:
     )
     for what in (what for applies, what in defects if applies):
         raise BadInputError(f"{path} {what}", hint=RESTORE)
-    named = [(f"images[{i}]", image.camera, image.instant) for i, image in enumerate(manifest.images)]
-    named += [
-        (f"missing[{i}]", absence.camera, absence.instant) for i, absence in enumerate(manifest.missing)
-    ]
-    for where, camera, instant in named:
-        if camera not in names:
-            raise BadInputError(f"{path}: {where} is of an unknown camera, {camera}", hint=RESTORE)
-        if instant >= len(manifest.burst.instants_ns):
-            raise BadInputError(f"{path}: {where} is of an unknown instant, {instant}", hint=RESTORE)
+    for part, records in (("images", manifest.images), ("missing", manifest.missing)):
+        for i, record in enumerate(records):
+            if record.camera not in names:
+                what = f"camera, {record.camera}"
+            elif record.instant >= len(manifest.burst.instants_ns):
+                what = f"instant, {record.instant}"
+            else:
+                continue
+            raise BadInputError(f"{path}: {part}[{i}] is of an unknown {what}", hint=RESTORE)
 
 
 def session_schema_text() -> str:

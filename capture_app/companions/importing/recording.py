@@ -29,6 +29,8 @@ from capture_app.session.reading.reader import Session
 from capture_app.session.writing.session_writer import SessionWriter
 
 IMPORTED = "imported"
+SYNCED_TOGETHER = 64
+"""Number of images that are made safe by one sync: the source still has them."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -239,13 +241,17 @@ def _write_images(
                     suffix=source.suffix,
                     leader_ns=frame.leader_ns,
                     residual_ns=frame.leader_ns - instant.leader_ns,
+                    synced=False,
                     **{"local_ns": local_ns, "sequence": index, **frame.further, **said},
                 )
             done += 1
             progress(done, total)
+            if done % SYNCED_TOGETHER == 0:
+                writer.sync()
         if source.name not in sizes:
             raise BadInputError(
                 f"{source.path} has no frame at any of the {len(instants)} instants",
                 hint="leave this camera out, or correct its times, as with --time-shift-ms",
             )
+    writer.sync()
     return sizes

@@ -164,5 +164,7 @@ def _write_images(session: Session, timeline: Timeline, writer: SessionWriter) -
                 leader_ns=frame.leader_ns,
                 local_ns=frame.local_ns,
                 residual_ns=frame.leader_ns - instant.leader_ns,
+                synced=False,
                 **frame.further,
             )
+        writer.sync()

@@ -191,10 +191,12 @@ class SessionWriter:
         suffix: str = ".jpg",
         truth: bytes = b"",
         true_ns: int | None = None,
+        synced: bool = True,
         **further: Any,
     ) -> ImageRecord:
         """Save one image's file bytes unchanged; once this returns, no crash can lose it.
 
+        Unless `synced`, it is in the session after the next `sync`: one for many images costs least.
         `truth` and `true_ns` are fields of `StoredImage`; `further` are further fields of the ImageRecord.
         Raises BadInputError for an unsafe camera name, an unknown file type, an empty image, or one that
         already exists.
@@ -218,7 +220,7 @@ class SessionWriter:
         )
         if self.image(camera, instant) is not None:
             raise BadInputError(f"there is an image of {camera} at instant {instant} already")
-        self.save([StoredImage(record, data, truth, true_ns)])
+        (self.save if synced else self.append)([StoredImage(record, data, truth, true_ns)])
         return record
 
     def save(self, images: Sequence[StoredImage], *, in_videos: bool = False) -> None:

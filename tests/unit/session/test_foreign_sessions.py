@@ -92,6 +92,12 @@ def test_a_small_file_of_a_huge_picture_is_not_decoded(session: Session) -> None
     assert any("60000x60000 pixels; left takes 16x12" in line for line in said)
 
 
+def test_a_cut_jpeg_has_no_size() -> None:
+    data = turned_jpeg(1)
+    assert image_size(data) == (16, 12)
+    assert image_size(data[: len(data) // 4]) is None
+
+
 def turned_jpeg(orientation: int) -> bytes:
     """A picture of 16 x 12 pixels, bright at its top left, whose EXIF says how to turn it."""
     pixels = np.zeros((12, 16, 3), np.uint8)

@@ -53,6 +53,17 @@ def test_calibration_is_kept(tmp_path: Path) -> None:
         session.calibration()
 
 
+def test_many_images_are_in_the_session_after_one_sync(tmp_path: Path) -> None:
+    with SessionWriter.create(tmp_path, "many") as writer:
+        for instant in range(3):
+            writer.add_image(jpeg(instant), camera="left", instant=instant, leader_ns=0, synced=False)
+        assert writer.instants_of("left") == set()
+        assert not (writer.folder / JOURNAL).read_bytes()
+        writer.sync()
+        assert writer.instants_of("left") == {0, 1, 2}
+        assert (writer.folder / JOURNAL).read_bytes().count(b"\n") == 3
+
+
 def test_of_two_images_of_one_instant_the_first_is_saved(tmp_path: Path) -> None:
     first = replace(frame("left", 0), true_ns=None)
     other = replace(first, data=jpeg(1), record=msgspec.structs.replace(first.record, bytes=len(jpeg(1))))

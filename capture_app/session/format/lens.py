@@ -123,15 +123,22 @@ class Lens:
         import cv2
 
         turned = np.eye(3) if rotation is None else rotation
-        if np.isinf(self.limit[0]):
+        if not self.is_fisheye:
             lens = self.matrix, self.distortion
-            return cv2.initUndistortRectifyMap(*lens, turned, matrix, size, cv2.CV_32FC1)
-        rows, columns = np.mgrid[: size[1], : size[0]]
-        flat = np.column_stack([columns.ravel(), rows.ravel(), np.ones(rows.size)])
+            maps = cv2.initUndistortRectifyMap(*lens, turned, matrix, size, cv2.CV_32FC1)
+            if np.isinf(self.limit[0]):
+                return maps
         # A rectified pair may be mirrored: only the inverse of the product is a ray.
-        ahead = flat @ np.linalg.inv(matrix @ turned).T
-        ahead[ahead[:, 2] <= 0] = np.nan
-        return self.maps_of_rays(ahead[:, :2] / ahead[:, 2:], size)
+        to_ray = np.linalg.inv(matrix @ turned)
+        columns, rows = np.arange(size[0]), np.arange(size[1])[:, None]
+        x, y, z = (row[0] * columns + (row[1] * rows + row[2]) for row in to_ray)
+        if self.is_fisheye:
+            z[z <= 0] = np.nan
+            return self.maps_of_rays(np.column_stack([(x / z).ravel(), (y / z).ravel()]), size)
+        unknown = (z <= 0) | (np.hypot(x, y) > self.limit[0] * z)
+        for axis in maps:
+            axis[unknown] = OUTSIDE
+        return maps
 
     def maps_of_rays(self, rays: Array, size: tuple[int, int]) -> Maps:
         """Return the pixels of rays, one for each pixel of an image of this size, as `maps` does."""
@@ -293,9 +300,12 @@ def redrawing(camera: CameraCalibration, target: CameraCalibration) -> Redraw | 
     lenses = [(one.width, one.height, one.model, _parameters(one)) for one in (camera, target)]
     if lenses[0] == lenses[1]:
         return None
-    rows, columns = np.mgrid[: target.height, : target.width].astype(np.float64)
-    rays = rays_of(target, np.stack([columns.ravel(), rows.ravel()], axis=1))
-    maps = lens_of(camera).maps_of_rays(rays, size)
+    if lens_of(target).is_straight:
+        maps = lens_of(camera).maps(size, matrix_of(target))
+    else:
+        rows, columns = np.mgrid[: target.height, : target.width].astype(np.float64)
+        rays = rays_of(target, np.stack([columns.ravel(), rows.ravel()], axis=1))
+        maps = lens_of(camera).maps_of_rays(rays, size)
     for axis, length in zip(maps, (camera.width, camera.height), strict=True):
         # The image extends half a pixel beyond its outermost pixel centres.
         np.clip(axis, 0, length - 1, out=axis, where=(axis >= -0.51) & (axis <= length - 0.49))

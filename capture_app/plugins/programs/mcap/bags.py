@@ -35,6 +35,8 @@ ROS_BAGS = "ROS bags"
 """What the package rosbags is needed for, in words."""
 _MAGIC_BYTES, _CHUNK, _MAX_CHUNK = 8, 0x06, 1 << 26
 """Length of the file's magic, opcode of a chunk record, and the largest chunk that is unpacked, bytes."""
+_MAX_EXPANSION = 200
+"""Largest size to which a bag that is compressed as a whole is unpacked, relative to its file's."""
 _FOXGLOVE = "foxglove."
 _PICTURES = (
     "foxglove.CompressedImage", "sensor_msgs/msg/CompressedImage", "sensor_msgs/msg/Image"
@@ -284,6 +286,13 @@ def _messages(path: Path, kinds: Collection[str], topics: Sequence[str] = ()) ->
         for file in path.glob(f"*{MCAP}"):
             with _open_mcap(file):
                 pass
+        for file in path.glob("*.zstd"):
+            # rosbags unpacks it to the disk, whatever its size.
+            with open_regular(file) as packed, ros2.zstd.open(packed, "rb") as unpacked:
+                unpacked.seek(_MAX_EXPANSION * file.stat().st_size)
+                within(
+                    len(unpacked.read(1)), 0, f"bytes in {file.name} beyond {_MAX_EXPANSION} times its size"
+                )
         with reader([path], default_typestore=ros_messages()) as bag:
             chosen = [
                 connection

@@ -185,6 +185,26 @@ def test_a_compressed_message_that_unpacks_to_far_more_than_a_picture_is_refused
     assert "4,000 at most are read" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(("expansion", "said"), [(2, "times its size"), (10_000, "not an intact bag")])
+def test_a_whole_bag_is_unpacked_to_a_multiple_of_its_size(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    expansion: int,
+    said: str,
+) -> None:
+    """Its pictures are blank, and no messages: within the limit, their reader refuses them."""
+    writer = rosbag2.Writer(tmp_path / "drive", version=8)
+    writer.set_compression(rosbag2.CompressionMode.FILE, rosbag2.CompressionFormat.ZSTD)
+    with writer:
+        topic = writer.add_connection("/cam/image_raw", "sensor_msgs/msg/Image", typestore=store)
+        writer.write(topic, 1, bytes(1_000_000))
+    monkeypatch.setattr(bags, "_MAX_EXPANSION", expansion)
+    call = ["sessions", "import", str(tmp_path / "drive"), "--out", str(tmp_path / "out")]
+    assert run(call) == ExitCode.BAD_INPUT
+    assert said in capsys.readouterr().err
+
+
 def test_what_is_no_bag_of_pictures_is_said(tmp_path: Path) -> None:
     stored = rosbag2.StoragePlugin.MCAP
     with rosbag2.Writer(tmp_path / "words", version=9, storage_plugin=stored) as writer:

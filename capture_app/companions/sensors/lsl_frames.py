@@ -34,7 +34,7 @@ class LslFrames:
     def __init__(self) -> None:
         """Raises NotAvailableError if pylsl is missing or does not load."""
         self._lsl = load_optional("pylsl", "lsl", "the Lab Streaming Layer")
-        self._takes: dict[Path, tuple[BurstSession, _Tail]] = {}
+        self._takes: dict[BurstSession, _Tail] = {}
         self._task: asyncio.Task[None] | None = None
         self._clock: NodeClock
         self._outlet: Any = None
@@ -53,7 +53,7 @@ class LslFrames:
 
     def follow_take(self, take: BurstSession) -> None:
         """Follow a take's journals until it is saved."""
-        self._takes[take.folder] = take, _Tail(take.folder)
+        self._takes[take] = _Tail()
 
     async def close(self) -> None:
         """Stream the last frames, and end the stream. Calling it twice is harmless."""
@@ -70,9 +70,9 @@ class LslFrames:
 
     def _stream_news(self) -> None:
         lsl_less_host_s = self._lsl_less_host_s()
-        for folder, (take, tail) in tuple(self._takes.items()):
-            is_over = take.finished.is_set()
-            for record in tail.new_records():
+        for take, tail in tuple(self._takes.items()):
+            is_over, folder = take.finished.is_set(), take.folder
+            for record in tail.new_records(folder):
                 self._outlet.push_sample(
                     [
                         folder.name,
@@ -84,7 +84,7 @@ class LslFrames:
                     self._clock.true_from_local(record.leader_ns) / 1e9 + lsl_less_host_s,
                 )
             if is_over:
-                del self._takes[folder]
+                del self._takes[take]
 
     def _lsl_less_host_s(self) -> float:
         """Return the difference of LSL's clock and the host's, s, by the quickest of several readings."""
@@ -100,17 +100,19 @@ class LslFrames:
 class _Tail:
     """Reader of the lines that a session's journals have got since it was last asked."""
 
-    def __init__(self, folder: Path) -> None:
-        self._folder = folder
-        self._read: dict[Path, int] = {}
-        """Number of bytes read of each file."""
+    def __init__(self) -> None:
+        self._read: dict[str, int] = {}
+        """Number of bytes read of each file, by its name."""
 
-    def new_records(self) -> Iterator[ImageRecord]:
-        """Yield the records of frames that are on disk since, of images and of videos."""
-        for line in self._new_lines(self._folder / JOURNAL):
+    def new_records(self, folder: Path) -> Iterator[ImageRecord]:
+        """Yield the records of frames that are on disk since, of images and of videos.
+
+        `folder` is the session's, which a person may have renamed meanwhile.
+        """
+        for line in self._new_lines(folder / JOURNAL):
             if (image := record_of_line(line, ImageRecord)) is not None:
                 yield image
-        videos = self._folder / VIDEOS / RIG
+        videos = folder / VIDEOS / RIG
         for path in sorted(videos.glob(f"*{FRAMES_SUFFIX}")) if videos.is_dir() else ():
             camera, _ = video_of(path.name.removesuffix(FRAMES_SUFFIX))
             for line in self._new_lines(path):
@@ -120,10 +122,10 @@ class _Tail:
     def _new_lines(self, path: Path) -> list[bytes]:
         try:
             with path.open("rb") as file:
-                file.seek(self._read.get(path, 0))
+                file.seek(self._read.get(path.name, 0))
                 data = file.read()
         except OSError:
             return []  # not made yet, or the take was discarded
         whole = data[: data.rfind(b"\n") + 1]
-        self._read[path] = self._read.get(path, 0) + len(whole)
+        self._read[path.name] = self._read.get(path.name, 0) + len(whole)
         return whole.splitlines()

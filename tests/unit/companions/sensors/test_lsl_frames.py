@@ -16,9 +16,19 @@ def test_frames_in_further_parts_of_a_video_are_their_cameras(
     monkeypatch.setattr(video_store, "MAX_PART_BYTES", 1)
     with SessionWriter.create(tmp_path, "walk") as writer:
         save_frames(writer, frame("left", 0), frame("right", 0), frame("left", 1))
-        tail = _Tail(writer.folder)
-        assert {(image.camera, image.instant) for image in tail.new_records()} == {
+        tail = _Tail()
+        assert {(image.camera, image.instant) for image in tail.new_records(writer.folder)} == {
             ("left", 0), ("right", 0), ("left", 1),
         }  # fmt: skip
         save_frames(writer, frame("left", 2))
-        assert [(image.camera, image.instant) for image in tail.new_records()] == [("left", 2)]
+        assert [(image.camera, image.instant) for image in tail.new_records(writer.folder)] == [("left", 2)]
+
+
+def test_a_renamed_session_is_read_on(tmp_path: Path) -> None:
+    with SessionWriter.create(tmp_path, "walk") as writer:
+        tail = _Tail()
+        save_frames(writer, frame("left", 0))
+        assert [image.instant for image in tail.new_records(writer.folder)] == [0]
+        (tmp_path / "walk").rename(tmp_path / "run")
+        save_frames(writer, frame("left", 1))
+        assert [image.instant for image in tail.new_records(writer.folder)] == [1]

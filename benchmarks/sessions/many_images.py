@@ -72,9 +72,9 @@ def write_session(folder: Path, count: int) -> None:
     (folder / MANIFEST).write_bytes(msgspec.json.encode(manifest))
 
 
-def measure_commands(folder: Path, count: int) -> list[dict[str, object]]:
+def measure_commands(folder: Path, count: int) -> list[Report]:
     """Return processor times, ms an image, of import and verify and of the tools that only copy and hash."""
-    rows = []
+    rows: list[Report] = []
     for name, size in PICTURES.items():
         source = folder / name.replace(" ", "-")
         write_images(source, count, size)
@@ -94,9 +94,9 @@ def measure_commands(folder: Path, count: int) -> list[dict[str, object]]:
     return rows
 
 
-def measure_opening(folder: Path, largest: int) -> list[dict[str, object]]:
+def measure_opening(folder: Path, largest: int) -> list[Report]:
     """Return processor time and memory by which sessions of up to so many images are opened."""
-    rows = []
+    rows: list[Report] = []
     for count in (largest // 100, largest // 10, largest):
         talk(f"opening a session of {count} images")
         session = folder / str(count)

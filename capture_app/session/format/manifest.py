@@ -526,7 +526,11 @@ def check_references(path: Path, manifest: Manifest) -> None:
     )
     for what in (what for applies, what in defects if applies):
         raise BadInputError(f"{path} {what}", hint=RESTORE)
-    for part, records in (("images", manifest.images), ("missing", manifest.missing)):
+    parts: dict[str, Sequence[ImageRecord | MissingImage]] = {
+        "images": manifest.images,
+        "missing": manifest.missing,
+    }
+    for part, records in parts.items():
         for i, record in enumerate(records):
             if record.camera not in names:
                 what = f"camera, {record.camera}"

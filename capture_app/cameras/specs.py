@@ -112,7 +112,7 @@ def _with_underscores(key: str) -> str:
 
 
 def _form(kind: str) -> str:
-    return f"write {load_driver(kind).SPEC}"
+    return f"write {load_driver(kind).SPEC}; capture-app cameras lists what there is"
 
 
 def open_camera(spec: str, *, clock: NodeClock, name: str) -> Camera:

@@ -121,7 +121,9 @@ def _read_profile(file: Path) -> Profile:
 def _parse_setting(text: str) -> tuple[Control, ControlValue]:
     name, _, value = text.partition("=")
     if name not in NAMES:
-        raise BadInputError(f"{text!r} is not CONTROL=VALUE", hint=f"CONTROL is one of {', '.join(NAMES)}")
+        raise BadInputError(
+            f"no control {name!r}", hint=f"write CONTROL=VALUE, with one of {', '.join(NAMES)}"
+        )
     if value in ("auto", "hold"):
         return Control(name), "auto" if value == "auto" else "hold"
     try:
@@ -129,7 +131,7 @@ def _parse_setting(text: str) -> tuple[Control, ControlValue]:
         round(number)  # neither infinite nor NaN
     except (ValueError, OverflowError):
         raise BadInputError(
-            f"{name}={value} is not a number, auto or hold", hint="example: exposure=4000"
+            f"{name}={value} is not a number, auto or hold", hint="exposure=4000 is 4 ms"
         ) from None
     return Control(name), number
 

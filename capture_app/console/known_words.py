@@ -3,53 +3,71 @@
 They are ffmpeg's, git's, docker's, OpenCV's, COLMAP's, nerfstudio's and those of camera apps.
 """
 
+from collections.abc import Sequence
 from difflib import get_close_matches
 
 import click
 
 _COMMANDS = {
     "capture-app": {
-        "capture-app burst": "capture shoot take snap photo picture snapshot shot trigger frames grab",
+        "capture-app burst": "capture shoot take snap photo picture snapshot shot trigger frames grab arm "
+        "fire",
+        "capture-app burst --interval-s S": "timelapse time-lapse interval intervalometer",
+        "capture-app burst --on-motion": "motion motion-detection",
         "capture-app record": "video film movie stream rec recording",
         "capture-app record --stop": "end-recording stop-recording",
         "capture-app rig start": "start up run launch",
         "capture-app rig stop": "stop down quit kill shutdown end",
-        "capture-app rig list": "ps rigs",
-        "capture-app": "ui tui gui screen app open play",
+        "capture-app, without a command": "ui tui gui screen app open",
         "capture-app serve": "web browser",
         "capture-app leader": "server master host main controller serve-rig",
         "capture-app node --camera SPEC": "client slave join connect worker agent attach",
         "capture-app cameras": "devices list-devices list-cameras webcam webcams ls-cameras scan discover",
-        "capture-app cameras set CONTROL=VALUE": "exposure gain focus settings config controls set",
+        "capture-app cameras set CONTROL=VALUE": "exposure gain focus settings config controls set shutter "
+        "iso white-balance whitebalance wb",
+        "capture-app cameras remove NAME": "kick eject",
+        "capture-app node --camera SPEC,fps=N,width=W": "fps framerate resolution mode format",
         "capture-app trust pair LEADER": "pair login auth key keys",
         "capture-app sessions list": "ls list takes library history",
         "capture-app sessions trash SESSION": "delete rm remove del",
-        "capture-app sessions export SESSION": "convert to",
+        "capture-app sessions export SESSION": "convert to save",
+        "capture-app sessions export SESSION --to otio": "edl xml fcpxml timeline premiere resolve davinci "
+        "nle",
+        "capture-app sessions export SESSION --to mp4": "mp4 mov prores encode transcode",
+        "capture-app sessions restore SESSION": "undo undelete untrash",
+        "capture-app sessions import SOURCE": "gopro dji multicam clips sync synchronize align load add",
+        "capture-app sessions sheet SESSION": "contact-sheet thumbnails",
         "capture-app demo": "simulate sim simulated simulation fake",
-        "capture-app sessions show SESSION": "inspect describe probe",
-        "capture-app status": "info stats state health sync synchronize",
-        "capture-app doctor": "check diagnose test",
-        "capture-app, installed again as at first": "update upgrade install",
+        "capture-app sessions show SESSION": "inspect describe probe info details metadata",
+        "capture-app status": "info stats state health sync synchronize genlock jam jam-sync accuracy clock "
+        "latency dropped drops",
+        "capture-app doctor": "check diagnose test disk space storage du firewall network wifi",
+        "capture-app rig list": "ps rigs log logs",
+        "capture-app, by installing it again": "update upgrade install",
         "capture-app phones": "phone mobile android ios qr",
         "capture-app monitor": "dashboard live watch",
         "capture-app --version": "version",
         "capture-app --help": "help",
-        "reconstruct calibrate SESSION": "calibrate calibration calib",
+        "reconstruct calibrate SESSION": "calibrate calibration calib intrinsics extrinsics lens lenses",
         "reconstruct, a command of its own": "reconstruct",
-        "reconstruct multiview SESSION": "depth depthmap depth-map mesh pointcloud 3d multiview sfm mvs",
+        "reconstruct multiview SESSION": "depth depthmap depth-map mesh pointcloud 3d multiview sfm mvs "
+        "volumetric ply",
         "reconstruct stereo SESSION": "stereo disparity",
         "reconstruct splat SESSION": "splat splats gsplat gaussians train 3dgs",
         "reconstruct panorama SESSION": "panorama stitch pano",
-        "reconstruct people SESSION": "people pose poses skeleton mocap joints",
-        "reconstruct compare SESSION": "compare evaluate",
-        "reconstruct time SESSION": "time align offset offsets",
+        "reconstruct people SESSION": "people pose poses skeleton mocap joints keypoints triangulate c3d "
+        "bvh trc",
+        "reconstruct movers SESSION": "matte mattes mask masks movers",
+        "reconstruct compare SESSION": "compare evaluate report",
+        "reconstruct time SESSION": "time offset offsets",
+        "capture-app panel show": "timecode time-code led",
         "reconstruct board FILE": "board charuco chessboard checkerboard",
-        "reconstruct view SESSION": "view walk render bullet-time bullettime",
+        "reconstruct view SESSION": "view walk render bullet-time bullettime play",
     },
     "capture-app sessions": {
         "capture-app sessions trash SESSION": "delete rm remove del",
         "capture-app sessions list": "ls dir",
-        "capture-app sessions show SESSION": "info inspect describe open view",
+        "capture-app sessions show SESSION": "info inspect describe open details metadata size du",
         "capture-app sessions rename SESSION NAME": "mv move name",
         "capture-app sessions verify SESSION": "check validate fsck",
         "capture-app sessions repair SESSION": "fix recover resume",
@@ -57,10 +75,13 @@ _COMMANDS = {
         "capture-app sessions import SOURCE": "add load read from",
         "capture-app sessions note SESSION TEXT": "annotate comment tag",
         "capture-app sessions restore SESSION": "undelete undo untrash",
+        "capture-app sessions sheet SESSION": "contact-sheet thumbnails preview",
+        "capture-app sessions wiggle SESSION": "play view gif animate",
         "capture-app sessions empty-trash": "purge clean prune empty",
     },
     "reconstruct": {
-        "reconstruct multiview SESSION": "depth depthmap dense mvs pointcloud point-cloud cloud fusion 3d",
+        "reconstruct multiview SESSION": "depth depthmap dense mvs pointcloud point-cloud cloud fusion 3d "
+        "volumetric",
         "reconstruct multiview SESSION --mesh": "mesh poisson mesher",
         "reconstruct stereo SESSION": "disparity sgbm pair",
         "reconstruct calibrate SESSION": "sfm mapper calib calibration intrinsics extrinsics poses colmap",
@@ -68,7 +89,9 @@ _COMMANDS = {
         "reconstruct panorama SESSION": "stitch pano stitching",
         "reconstruct view SESSION": "walk play render novel-view bullet-time bullettime wiggle viewer",
         "reconstruct time SESSION": "sync synchronize align offset offsets",
-        "reconstruct people SESSION": "pose skeleton mocap joints keypoints motion-capture human body",
+        "reconstruct people SESSION": "pose skeleton mocap joints keypoints motion-capture human body "
+        "triangulate c3d bvh trc",
+        "reconstruct movers SESSION": "matte mattes mask masks segment rotoscope",
         "reconstruct trajectory SESSION": "track ball path",
         "reconstruct compare SESSION": "evaluate eval quality report",
         "reconstruct board FILE": "charuco chessboard checkerboard",
@@ -77,6 +100,8 @@ _COMMANDS = {
         "capture-app sessions export SESSION": "export convert",
         "capture-app sessions list": "list ls",
         "capture-app sessions show SESSION": "show info",
+        "capture-app burst": "capture shoot burst",
+        "capture-app record": "record video",
         "reconstruct --version": "version",
         "reconstruct --help": "help",
     },
@@ -101,14 +126,25 @@ _COMMANDS = {
 }
 """Command lines by the group that was typed, with the words that mean them."""
 FORMATS = {
-    "otio": "premiere premiere-pro adobe resolve davinci final-cut avid editor nle",
+    "otio": "premiere premiere-pro adobe resolve davinci davinci-resolve final-cut final-cut-pro fcp fcpx "
+    "fcpxml xml edl aaf avid kdenlive hiero editor nle timeline",
     "splats": "blender gltf 3dgs gsplat gaussian-splatting gaussians inria postshot brush",
+    "nerfstudio": "instant-ngp ngp nerf transforms",
+    "colmap": "metashape agisoft realitycapture realityscan meshroom openmvs",
+    "caliscope": "anipose deeplabcut dlc sleap",
     "pose2sim": "opensim mocap",
-    "mcap": "foxglove ros",
+    "mcap": "foxglove ros rosbag bag",
     "rrd": "rerun",
-    "mp4": "video videos film movie h264",
+    "mp4": "video videos film movie h264 h265 hevc mov prores avi mkv webm gif csv after-effects "
+    "aftereffects ae nuke fusion unreal unity",
 }
 """Formats of `sessions export`, each with the programs that read it and other words for it."""
+RESULTS = {
+    "reconstruct people SESSION": "c3d bvh trc fbx skeleton",
+    "reconstruct multiview SESSION": "ply obj pointcloud point-cloud mesh stl usd usdz abc alembic exr",
+    "reconstruct movers SESSION": "matte mattes mask masks",
+}
+"""Commands whose results people look for among the formats of an export, with those words."""
 _ACTIONS = {
     "capture-app theme": "dark light colour colours color colors night contrast appearance",
     "capture-app rig add": "webcam webcams usb device devices simulated simulate sim node connect",
@@ -116,45 +152,52 @@ _ACTIONS = {
     "capture-app app help": "keys shortcuts",
 }
 """Actions of the screen that are not commands, written as if they were, with other words for them."""
-_OPTIONS = (
-    "--frames count n num number num-frames shots burst images vframes",
-    "--count n num frames number max-frames vframes",
-    "--out output o out-dir output-dir output-path dir dest destination outfile workspace-path to",
-    "--to format f type output-format as",
-    "--seconds duration t time length for",
-    "--interval-s interval timelapse delay",
-    "--fps rate framerate frame-rate r hz",
-    "--camera device source src input i cam spec cameras",
-    "--leader server host address ip connect url",
-    "--sessions dir folder out output data output-dir",
-    "--name label title tag n",
-    "--json output-json as-json machine",
-    "--port p listen",
-    "--host bind address ip listen",
-    "--instant frame frames index at time",
-    "--instants frames range",
-    "--width size resolution scale res",
-    "--cameras count n num devices",
-    "--simulated fake sim dummy",
-    "--replace overwrite force f y",
-    "--yes y force",
-    "--jobs j threads workers parallel num-workers",
-    "--from method mode using",
-    "--square-mm square square-size square-length size",
-    "--marker-mm marker marker-size marker-length",
-    "--watch follow f w",
-    "--stop end finish",
-    "--detach d background daemon",
-    "--min-nodes min-cameras nodes cameras",
-    "--quick fast preview draft quality",
-    "--mesh poisson",
-    "--iterations steps iters max-iterations",
-    "--verbose debug trace log-level",
-    "--calibration intrinsics camera-params calib",
-    "--every step stride skip",
-    "--field-of-view fov hfov",
-)
+_OPTIONS = {
+    "--frames": "count n num number num-frames shots burst images vframes",
+    "--count": "n num frames number max-frames vframes",
+    "--out": "output o out-dir output-dir output-path dir dest destination outfile workspace-path to",
+    "--to": "format f type output-format as",
+    "--seconds": "duration t time length for",
+    "--interval-s": "interval timelapse delay",
+    "--fps": "rate framerate frame-rate r hz",
+    "--camera sim:phone-a": "simulated simulate sim simulation fake dummy demo virtual",
+    "--camera": "device source src input i cam spec cameras",
+    "--leader": "server host address ip connect url",
+    "--sessions": "dir folder out output data output-dir",
+    "--name": "label title tag n",
+    "--json": "output-json as-json machine",
+    "--port": "p listen",
+    "--host": "bind address ip listen",
+    "--instant": "frame frames index at time",
+    "--instants": "frames range",
+    "--width": "size resolution scale res",
+    "--cameras": "count n num devices",
+    "--simulated": "fake sim dummy",
+    "--replace": "overwrite force f y",
+    "--yes": "y force",
+    "--jobs": "j threads workers parallel num-workers",
+    "--from": "method mode using",
+    "--square-mm": "square square-size square-length size",
+    "--marker-mm": "marker marker-size marker-length",
+    "--watch": "follow f w",
+    "--stop": "end finish",
+    "--detach": "d background daemon",
+    "--min-nodes": "min-cameras nodes cameras",
+    "--quick": "fast preview draft quality",
+    "--mesh": "poisson",
+    "--iterations": "steps iters max-iterations",
+    "--verbose": "debug trace log-level",
+    "--calibration": "intrinsics camera-params calib",
+    "--every": "step stride skip",
+    "--field-of-view": "fov hfov",
+    "--to otio": "premiere resolve davinci edl fcpxml",
+    "--to mp4": "codec mp4 video prores",
+    "--align": "sync audio",
+    "--out DIR, with every format in it": "c3d trc csv gltf glb",
+    "--page": "paper",
+}
 """Options, each with other programs' words for it, without hyphens; the first that a command has wins."""
+_VIDEOS = (".mp4", ".mov", ".mkv", ".avi", ".mts")
 _CLOSE = 0.75
 """Similarity from which a name counts as mistyped; click's own 0.6 takes `--json` for `--count`."""
 
@@ -174,23 +217,35 @@ def words_for(line: str) -> list[str]:
     ).split()
 
 
-def advise(error: click.UsageError) -> str:
+def takes_argument(line: str) -> bool:
+    """Return whether a command line of ours ends in a placeholder, as `sessions show SESSION` does."""
+    return line.split(" -")[0][-1:].isupper()
+
+
+def advise(error: click.UsageError, typed_line: Sequence[str] = ()) -> str:
     """Return the message of a usage error, with what was probably meant by an unknown command or option."""
     if error.ctx is None:
         return error.format_message()
     command = error.ctx.command
+    commands = _COMMANDS.get(error.ctx.command_path, {}) if isinstance(command, click.Group) else {}
     if isinstance(error, click.NoSuchOption):
         what, typed, word = "option", error.option_name, error.option_name.lstrip("-").replace("_", "-")
         names = [name for param in command.get_params(error.ctx) for name in param.opts if name[:1] == "-"]
-        known = {line.split()[0]: line for line in _OPTIONS if line.split()[0] in names}
+        known = {line: words for line, words in _OPTIONS.items() if line.split()[0] in names} | commands
+        if isinstance(command, click.Group) and word in command.list_commands(error.ctx):
+            known |= {f"{error.ctx.command_path} {word}": word}
     elif isinstance(error, click.NoSuchCommand) and isinstance(command, click.Group):
         what, typed, word = "command", error.command_name, error.command_name
-        names, known = command.list_commands(error.ctx), _COMMANDS.get(error.ctx.command_path, {})
+        names, known = command.list_commands(error.ctx), commands
+        if word.casefold().endswith(_VIDEOS):
+            return f"'{typed}' is a file: capture-app sessions import FILE ... imports it"
     else:
         return error.format_message()
     unknown = f"No such {what} '{typed}'"
-    for meant, words in known.items():
-        if word.casefold() in words.split():
-            return f"{unknown}: it is {meant}"
+    meant = [line for line, words in known.items() if word.casefold() in words.split()]
+    # A word of two meanings: `info take1` is about a session, `info` about the rig.
+    meant.sort(key=lambda line: takes_argument(line) is not (typed in typed_line[:-1]))
+    if meant:
+        return f"{unknown}: it is {meant[0]}"
     close = get_close_matches(typed.casefold(), names, 1, _CLOSE)
     return f"{unknown}. Did you mean '{close[0]}'?" if close else unknown

@@ -275,7 +275,7 @@ def _run(command: click.Command, name: str, arguments: Sequence[str]) -> int:
         return ExitCode.USAGE
     except click.UsageError as error:
         where = error.ctx.command_path if error.ctx is not None else name
-        return _fail(name, f"{advise(error)} (see {where} --help)", ExitCode.USAGE)
+        return _fail(name, f"{advise(error, arguments)} (see {where} --help)", ExitCode.USAGE)
     except click.ClickException as error:
         return _fail(name, error.format_message(), error.exit_code)
     except (KeyboardInterrupt, click.Abort):

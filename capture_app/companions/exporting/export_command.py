@@ -8,7 +8,7 @@ import click
 
 from capture_app.commands.shared_options import ANY_PATH, restrict_file_access
 from capture_app.common.plugins import plugin_names
-from capture_app.console.known_words import FORMATS
+from capture_app.console.known_words import FORMATS, RESULTS
 from capture_app.console.terminal import FiniteRange, answer, json_option, show_count, talk
 from capture_app.console.usage import examples, write_plugins
 from capture_app.session.exporting.exporter import (
@@ -38,7 +38,10 @@ class _Format(click.Choice[str]):
         """Return the format. Raises BadParameter, with the format that is meant."""
         for name, words in FORMATS.items():
             if value.casefold() in words.split() and name in self.choices:
-                self.fail(f"{value!r} is not a format: --to {name} writes it", param, ctx)
+                self.fail(f"{value!r} is not a format: --to {name} is for it", param, ctx)
+        for line, words in RESULTS.items():
+            if value.casefold() in words.split():
+                self.fail(f"{value!r} is not a format of images: {line} writes it", param, ctx)
         return super().convert(value, param, ctx)
 
 

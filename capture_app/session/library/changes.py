@@ -38,7 +38,7 @@ from capture_app.session.files.untrusted_files import encode_checked, indented, 
 from capture_app.session.format.burst_plan import PLAN, read_plan
 from capture_app.session.format.manifest import JOURNAL, MANIFEST, Manifest
 from capture_app.session.reading.checksums import CHECKSUMS, changed_files
-from capture_app.session.reading.reader import Session
+from capture_app.session.reading.reader import Session, no_session
 
 RESULTS = "_results"
 MAX_NOTE = 1000
@@ -184,7 +184,7 @@ def trash_session(folder: Path) -> TrashedSession:
     """
     folder = folder.absolute()
     if not any((folder / name).is_file() for name in (MANIFEST, JOURNAL, PLAN)):
-        raise BadInputError(f"no session at {folder}", hint="capture-app sessions list shows what is there")
+        raise no_session(folder)
     with ExitStack() as held, disk_errors(folder):
         held.callback(os.close, lock_folder(folder))
         trash = folder.parent / TRASH

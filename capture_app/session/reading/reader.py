@@ -79,9 +79,7 @@ class Session:
         """
         folder = Path(path)
         if not folder.is_dir():
-            raise BadInputError(
-                f"no session at {folder}", hint="capture-app sessions list shows what is there"
-            )
+            raise no_session(folder)
         if not (folder / MANIFEST).is_file():
             raise _without_manifest(folder)
         manifest = read_struct(folder / MANIFEST, Manifest, SCHEMA_VERSION)
@@ -242,6 +240,13 @@ def writing_state(folder: Path) -> WritingState:
     if is_being_written(folder):
         return "reopened" if has_manifest else "being written"
     return "interrupted again" if has_manifest else "interrupted"
+
+
+def no_session(path: Path) -> BadInputError:
+    """Return the error of a path without a session, with what was probably meant by a bare name."""
+    inside = Path("sessions", path.name)
+    hint = f"it is {inside}" if inside.is_dir() else "capture-app sessions list shows what is there"
+    return BadInputError(f"no session at {path}", hint=hint)
 
 
 def _without_manifest(folder: Path) -> BadInputError | IncompleteError:

@@ -1,6 +1,7 @@
 """First guesses of people who know other programs, and what each is answered with."""
 
 import shlex
+from pathlib import Path
 
 import click
 import pytest
@@ -8,7 +9,7 @@ import pytest
 from capture_app.cli import run as run_capture_app
 from capture_app.common.errors import ExitCode
 from capture_app.common.plugins import plugin_names
-from capture_app.console.known_words import _COMMANDS, _OPTIONS, FORMATS
+from capture_app.console.known_words import _COMMANDS, _OPTIONS, FORMATS, RESULTS, takes_argument
 from capture_app.session.exporting.exporter import GROUP
 from reconstruction.cli import run as run_reconstruct
 from tests.command_lines import every_command
@@ -29,8 +30,8 @@ capture-app up > capture-app rig start
 capture-app down > capture-app rig stop
 capture-app stop > capture-app rig stop
 capture-app ps > capture-app rig list
-capture-app ui > capture-app
-capture-app gui > capture-app
+capture-app ui > capture-app, without a command
+capture-app gui > capture-app, without a command
 capture-app web > capture-app serve
 capture-app server > capture-app leader
 capture-app master > capture-app leader
@@ -73,13 +74,39 @@ capture-app sim > capture-app demo
 capture-app people > reconstruct people SESSION
 capture-app pose > reconstruct people SESSION
 capture-app depthmap > reconstruct multiview SESSION
-capture-app play > capture-app
-capture-app update > capture-app, installed again as at first
+capture-app play > reconstruct view SESSION
+capture-app update > capture-app, by installing it again
 reconstruct mocap x > reconstruct people SESSION
 reconstruct play x > reconstruct view SESSION
 capture-app reconstruct > reconstruct, a command of its own
 capture-app statsu > 'status'
 capture-app rcord > 'record'
+capture-app arm > capture-app burst
+capture-app genlock > capture-app status
+capture-app timecode > capture-app panel show
+capture-app jam > capture-app status
+capture-app sync a.mp4 b.mp4 > capture-app sessions import SOURCE
+capture-app info take1 > capture-app sessions show SESSION
+capture-app intrinsics cam1.mp4 > reconstruct calibrate SESSION
+capture-app extrinsics > reconstruct calibrate SESSION
+capture-app edl take1 > capture-app sessions export SESSION --to otio
+capture-app undo > capture-app sessions restore SESSION
+capture-app disk > capture-app doctor
+capture-app log > capture-app rig list
+capture-app settings --fps 240 > capture-app cameras set CONTROL=VALUE
+capture-app timelapse > capture-app burst --interval-s S
+capture-app motion > capture-app burst --on-motion
+capture-app --simulated > --camera sim:phone-a
+capture-app node --simulated > --camera sim:phone-a
+capture-app rig start --demo > --camera sim:phone-a
+capture-app --shutter 1/500 > capture-app cameras set CONTROL=VALUE
+capture-app sessions export x --premiere > --to otio
+capture-app sessions import a.mp4 --sync audio > --align
+reconstruct triangulate x > reconstruct people SESSION
+reconstruct --people > reconstruct people
+reconstruct --calib c.json x > reconstruct calibrate SESSION
+reconstruct volumetric x > reconstruct multiview SESSION
+reconstruct people x --c3d > --out DIR, with every format in it
 capture-app sessions delete x > capture-app sessions trash SESSION
 capture-app sessions rm x > capture-app sessions trash SESSION
 capture-app sessions ls > capture-app sessions list
@@ -165,13 +192,15 @@ def test_a_first_guess_is_answered_with_what_is_meant(guess: str, capfd: pytest.
 
 def test_every_answer_is_a_command_line_of_ours() -> None:
     typed = dict(every_command())
-    for answers in _COMMANDS.values():
+    for answers in (*_COMMANDS.values(), RESULTS):
         for line in answers:
             command = line.split(",")[0].split(" -")[0]
             words = [word for word in command.split() if not (word.isupper() or "=" in word)]
             assert " ".join(words) in typed, line
             options = {name for param in typed[" ".join(words)].params for name in param.opts}
-            assert {word for word in line.split() if word.startswith("--")} <= options | {"--help"}, line
+            assert {word for word in line.split() if word.startswith("--")} <= options | {"--help", "--to"}, (
+                line
+            )
 
 
 def test_no_known_word_is_a_name_of_ours() -> None:
@@ -181,7 +210,12 @@ def test_no_known_word_is_a_name_of_ours() -> None:
         names = set(command.list_commands(click.Context(command)))
         words = [word for known in answers.values() for word in known.split()]
         assert not names & set(words), group
-        assert len(words) == len(set(words)), group
+        # With an argument, a word may mean something else.
+        for taking in (True, False):
+            own = [
+                word for line, of in answers.items() if takes_argument(line) is taking for word in of.split()
+            ]
+            assert len(own) == len(set(own)), group
 
 
 def test_every_option_that_is_advised_exists() -> None:
@@ -192,6 +226,37 @@ def test_every_option_that_is_advised_exists() -> None:
         for name in param.opts
     }
     assert {line.split()[0] for line in _OPTIONS} <= ours
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("capture-app a.mp4 b.mp4", "'a.mp4' is a file: capture-app sessions import FILE ... imports it"),
+        ("capture-app sessions export x --to fcpxml --out y", "--to otio is for it"),
+        ("capture-app sessions export x --to anipose --out y", "--to caliscope is for it"),
+        ("capture-app sessions export x --to c3d --out y", "reconstruct people SESSION writes it"),
+        ("capture-app sessions export x --to ply --out y", "reconstruct multiview SESSION writes it"),
+    ],
+)
+def test_a_file_or_a_format_is_answered_with_what_is_meant(
+    line: str, said: str, capfd: pytest.CaptureFixture[str]
+) -> None:
+    program, *words = shlex.split(line)
+    assert RUN[program](words) == ExitCode.USAGE
+    assert said in capfd.readouterr().err
+
+
+def test_a_bare_name_is_answered_with_the_session_of_that_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for order in (["show", "take1"], ["trash", "take1"]):
+        assert run_capture_app(["sessions", *order]) == ExitCode.BAD_INPUT
+        assert "capture-app sessions list shows what is there" in capfd.readouterr().err
+    Path("sessions", "take1").mkdir(parents=True)
+    for order in (["show", "take1"], ["trash", "take1"]):
+        assert run_capture_app(["sessions", *order]) == ExitCode.BAD_INPUT
+        assert "(it is sessions/take1)" in capfd.readouterr().err
 
 
 @pytest.mark.parametrize("line", ["reconstruct", "capture-app sessions", "capture-app trust"])
@@ -213,7 +278,7 @@ def test_a_program_in_place_of_a_format_is_answered_with_its_format(
     word: str, meant: str, capfd: pytest.CaptureFixture[str]
 ) -> None:
     assert run_capture_app(["sessions", "export", "x", "--to", word, "--out", "y"]) == ExitCode.USAGE
-    assert f"{word!r} is not a format: --to {meant} writes it" in capfd.readouterr().err
+    assert f"{word!r} is not a format: --to {meant} is for it" in capfd.readouterr().err
 
 
 def test_every_format_with_words_is_one_of_ours() -> None:

@@ -5,6 +5,7 @@ They are ffmpeg's, git's, docker's, OpenCV's, COLMAP's, nerfstudio's and those o
 
 from collections.abc import Sequence
 from difflib import get_close_matches
+from pathlib import Path
 
 import click
 
@@ -39,8 +40,9 @@ _COMMANDS = {
         "capture-app sessions sheet SESSION": "contact-sheet thumbnails",
         "capture-app demo": "simulate sim simulated simulation fake",
         "capture-app sessions show SESSION": "inspect describe probe info details metadata",
-        "capture-app status": "info stats state health sync synchronize genlock jam jam-sync accuracy clock "
-        "latency dropped drops",
+        "capture-app sessions empty-trash": "purge clean empty-trash prune",
+        "capture-app status": "nodes info stats state health sync synchronize genlock jam jam-sync accuracy "
+        "clock latency dropped drops",
         "capture-app doctor": "check diagnose test disk space storage du firewall network wifi",
         "capture-app rig list": "ps rigs log logs",
         "capture-app, by installing it again": "update upgrade install",
@@ -158,7 +160,7 @@ _OPTIONS = {
     "--out": "output o out-dir output-dir output-path dir dest destination outfile workspace-path to",
     "--to": "format f type output-format as",
     "--seconds": "duration t time length for",
-    "--interval-s": "interval timelapse delay",
+    "--interval-s": "interval timelapse",
     "--fps": "rate framerate frame-rate r hz",
     "--camera sim:phone-a": "simulated simulate sim simulation fake dummy demo virtual",
     "--camera": "device source src input i cam spec cameras",
@@ -197,6 +199,7 @@ _OPTIONS = {
     "--page": "paper",
 }
 """Options, each with other programs' words for it, without hyphens; the first that a command has wins."""
+_OF_A_SESSION = {"reconstruct": "reconstruct compare", "capture-app": "capture-app sessions show"}
 _VIDEOS = (".mp4", ".mov", ".mkv", ".avi", ".mts")
 _CLOSE = 0.75
 """Similarity from which a name counts as mistyped; click's own 0.6 takes `--json` for `--count`."""
@@ -239,6 +242,10 @@ def advise(error: click.UsageError, typed_line: Sequence[str] = ()) -> str:
         names, known = command.list_commands(error.ctx), commands
         if word.casefold().endswith(_VIDEOS):
             return f"'{typed}' is a file: capture-app sessions import FILE ... imports it"
+        command_of_sessions = _OF_A_SESSION.get(error.ctx.command_path, error.ctx.command_path)
+        for place in (Path(word), Path("sessions", word)):
+            if (place / "session.json").is_file():
+                return f"'{typed}' is a session; the command comes first: {command_of_sessions} {place}"
     else:
         return error.format_message()
     unknown = f"No such {what} '{typed}'"

@@ -294,3 +294,17 @@ def test_a_camera_without_its_kind_is_answered_with_a_spec(
 ) -> None:
     assert run_capture_app([*guess.split(), "--leader", "127.0.0.1:1"]) != ExitCode.OK
     assert "write webcam:" in capfd.readouterr().err
+
+
+def test_a_session_in_place_of_a_command_is_answered_with_a_command(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("sessions", "take1").mkdir(parents=True)
+    Path("sessions", "take1", "session.json").touch()
+    for program, command in (
+        ("reconstruct", "reconstruct compare"),
+        ("capture-app", "capture-app sessions show"),
+    ):
+        assert RUN[program](["take1"]) == ExitCode.USAGE
+        assert f"the command comes first: {command} sessions/take1" in capfd.readouterr().err

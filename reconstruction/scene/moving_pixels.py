@@ -8,6 +8,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from capture_app.common.errors import BadInputError, NotApplicableError
 from capture_app.console.terminal import Progress
@@ -25,6 +26,8 @@ MIN_GREY_STEP = 8.0
 """Minimum change of grey level (of 255) that counts as motion."""
 SHAKE_PX = 0.7
 """Maximum shift of a static edge that is not motion, as with a vibrating camera."""
+LIGHT_STRIPS, LIGHT_STEP = 40, 4
+"""Number of strips of an image in which light may differ, and the step between pixels that show it."""
 BACKGROUND_FRAMES = 25
 """Images for the background; a longer burst is thinned to this many, or up to twice as many."""
 BACKGROUND_ROWS = 256
@@ -66,7 +69,7 @@ def detect_moving(image: Array, neighbours: Sequence[Array], still: Array) -> Ar
     images of the same camera). The difference to one neighbour alone also shows where the object will be. The
     difference to the background alone also shows where it was for most of the burst.
     """
-    differences = [_grey_difference(image, other) for other in (*neighbours, still)]
+    differences = [_grey_difference(image, in_light_of(image, other)) for other in (*neighbours, still)]
     change = np.minimum.reduce(differences)
     # Robust standard deviation of the differences of static pixels.
     noise = max(float(np.median(difference)) for difference in differences) * 1.4826
@@ -83,6 +86,20 @@ def dilate(mask: Array, radius_px: int) -> Array:
 
 def _disc(size_px: int) -> Array:
     return np.asarray(cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size_px, size_px)))
+
+
+def in_light_of(image: Array, other: Array) -> Array:
+    """Return another image of the same camera as it would be in this image's light, grey.
+
+    A lamp that flickers scales the image, mains light with a rolling shutter its rows, of which most stands
+    still. The image is returned unchanged unless this explains half of the difference.
+    """
+    some, others = (of[::LIGHT_STEP, ::LIGHT_STEP].astype(np.float32) for of in (image, other))
+    gains = np.median((some + 1) / (others + 1), axis=1)
+    rows = max(1, len(gains) // LIGHT_STRIPS)
+    gains = np.median(sliding_window_view(np.pad(gains, rows, mode="edge"), 2 * rows + 1), axis=1)[:, None]
+    changed, left = (float(np.median(np.abs(some - of))) for of in (others, others * gains))
+    return other * cv2.resize(gains, (1, len(other))) if left < changed / 2 else other
 
 
 def _grey_difference(a: Array, b: Array) -> Array:

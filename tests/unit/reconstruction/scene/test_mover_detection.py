@@ -9,7 +9,7 @@ import pytest
 from reconstruction.common.geometry import Array
 from reconstruction.common.image_matching import track_there_and_back
 from reconstruction.scene import moving_pixels
-from reconstruction.scene.moving_pixels import detect_moving, median_background
+from reconstruction.scene.moving_pixels import detect_moving, in_light_of, median_background
 from tests.unit.reconstruction.conftest import Scene, make_view, texture
 
 
@@ -31,6 +31,28 @@ def test_noise_and_flicker_do_not_move() -> None:
         for k in range(6)
     ]
     assert not detect_moving(images[2], [images[1], images[4]], median_background(images)).any()
+
+
+@pytest.mark.parametrize("bands", [0.0, 2.0], ids=["lamp", "mains"])
+def test_a_lamp_that_flickers_hides_nothing_that_moves(scene: Scene, bands: float) -> None:
+    """By 12 % of the light in all rows at once, or in bands of a rolling shutter."""
+    view = make_view((0, 0, 0))
+    shots = [scene.look(view, k) for k in range(7)]
+    rows = np.linspace(0, 2 * np.pi * bands, view.height)[:, None]
+    images = [
+        np.clip(image * (1 + 0.12 * np.sin(rows + 2 * k)), 0, 255).astype(np.uint8)
+        for k, (image, _, _) in enumerate(shots)
+    ]
+    found = detect_moving(images[3], [images[1], images[5]], median_background(images))
+    true = shots[3][2]
+    assert (found & true).sum() > 0.55 * true.sum()
+    assert (found & ~true).sum() < 0.25 * true.sum()
+
+
+def test_light_that_did_not_change_changes_no_image(scene: Scene) -> None:
+    view = make_view((0, 0, 0))
+    (image, _, _), (other, _, _) = (scene.look(view, k) for k in (1, 3))
+    assert in_light_of(image, other) is other
 
 
 def test_a_trembling_camera_does_not_move_its_edges() -> None:

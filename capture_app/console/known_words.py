@@ -3,6 +3,7 @@
 They are ffmpeg's, git's, docker's, OpenCV's, COLMAP's, nerfstudio's and those of camera apps.
 """
 
+import re
 from difflib import get_close_matches
 
 import click
@@ -155,6 +156,10 @@ _OPTIONS = (
     "--field-of-view fov hfov",
 )
 """Options, each with other programs' words for it, without hyphens; the first that a command has wins."""
+_NUMBERS = dict.fromkeys(["integer", "integer range"], "a whole number")
+_NUMBERS |= dict.fromkeys(["float", "float range"], "a number")
+"""What an option of a type takes, by click's name of the type."""
+_TOO_MANY = re.compile(r"Got unexpected extra arguments? \((.*)\)")
 _CLOSE = 0.75
 """Similarity from which a name counts as mistyped; click's own 0.6 takes `--json` for `--count`."""
 
@@ -177,7 +182,7 @@ def words_for(line: str) -> list[str]:
 def advise(error: click.UsageError) -> str:
     """Return the message of a usage error, with what was probably meant by an unknown command or option."""
     if error.ctx is None:
-        return error.format_message()
+        return _in_our_words(error)
     command = error.ctx.command
     if isinstance(error, click.NoSuchOption):
         what, typed, word = "option", error.option_name, error.option_name.lstrip("-").replace("_", "-")
@@ -187,10 +192,29 @@ def advise(error: click.UsageError) -> str:
         what, typed, word = "command", error.command_name, error.command_name
         names, known = command.list_commands(error.ctx), _COMMANDS.get(error.ctx.command_path, {})
     else:
-        return error.format_message()
+        return _in_our_words(error)
     unknown = f"No such {what} '{typed}'"
     for meant, words in known.items():
         if word.casefold() in words.split():
             return f"{unknown}: it is {meant}"
     close = get_close_matches(typed.casefold(), names, 1, _CLOSE)
     return f"{unknown}. Did you mean '{close[0]}'?" if close else unknown
+
+
+def _in_our_words(error: click.UsageError) -> str:
+    """Return what an option or argument takes, and what it was given, instead of click's sentences."""
+    text = error.message.rstrip(".")
+    if isinstance(error, click.BadOptionUsage):
+        return f"{error.option_name} needs a value" if "requires an argument" in text else text
+    if not isinstance(error, click.BadParameter) or error.param is None:
+        return _TOO_MANY.sub(r"too many arguments: \1", text)
+    name, kind = error.param.get_error_hint(error.ctx).replace("'", ""), error.param.type
+    if isinstance(error, click.MissingParameter):
+        return f"{name} is missing"
+    given, is_not, _ = text.partition(" is not ")
+    if not is_not or kind.name not in _NUMBERS:
+        return f"{name}: {text}"
+    low, high, is_open = (getattr(kind, part, None) for part in ("min", "max", "min_open"))
+    begin = "" if low is None else f"{' above' if is_open else ' from'} {low:.9g}"
+    end = "" if high is None else f" to {high:.9g}"
+    return f"{name} takes {_NUMBERS[kind.name]}{begin}{end}, not {given}"

@@ -125,7 +125,10 @@ def test_progress_in_a_file_is_a_line_each_step(capsys: pytest.CaptureFixture[st
     progress.step("calibration")
     progress.last("report")
     Progress(1, silent=True).step("nothing")
-    assert capsys.readouterr().err.splitlines() == ["[1/3] calibration", "[3/3] report"]
+    assert capsys.readouterr().err.splitlines() == [
+        "[1/3] calibration",
+        "[3/3] report (1 planned step not needed)",
+    ]
     show = show_count("images")
     for done in range(1, 1001):
         show(done, 1000)

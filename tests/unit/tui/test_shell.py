@@ -4,7 +4,6 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
-
 from textual.widgets._toast import Toast
 
 from capture_app.common.errors import BadInputError

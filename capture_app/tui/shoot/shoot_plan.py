@@ -147,9 +147,10 @@ def render_limit_s(status: RigStatus) -> float | None:
 
     None without a simulated camera of a scene on the leader's machine: a test card is drawn while it records.
     """
-    drawn = tuple(f"scene={scene}" for scene in FLAT_SCENES)
     rendered = sum(
-        node.camera.kind == SIMULATED and "scene=" in node.spec and not any(of in node.spec for of in drawn)
+        node.camera.kind == SIMULATED
+        and "scene=" in node.spec
+        and not any(f"scene={flat}" in node.spec for flat in FLAT_SCENES)
         for node in status.cameras
     )
     return (
@@ -275,11 +276,11 @@ class PlanPanel(Lines, can_focus=True):
     @property
     def advice(self) -> str:
         """What limits the next take, in words; empty if nothing does."""
-        if self.settings.mode != "recording" or self.max_s is None:
-            return ""
         return (
-            f"A recording of simulated cameras ends after {self.max_s:.0f} s: rendering its {MAX_RENDERED}"
-            " frames takes minutes. Fewer cameras record longer; the scene bars has no limit."
+            ""
+            if self.settings.mode != "recording" or self.max_s is None
+            else f"A recording of simulated cameras ends after {self.max_s:.0f} s: rendering its"
+            f" {MAX_RENDERED} frames takes minutes. Fewer cameras record longer; the scene bars has no limit."
         )
 
     def plan(self) -> TakePlan:

@@ -59,7 +59,6 @@ SOON_S = 5.0
 """Time in which live depth usually starts."""
 NARROW = 110
 """Columns below which a window is narrow; the plan then leaves more space to the pictures."""
-KEEP = Answer("", "esc", "Keep all")
 AGAIN = (Answer("keep", "k", "Keep, take again"), Answer("trash", "t", "Trash, take again"), CANCEL)
 
 
@@ -328,7 +327,9 @@ class ShootView(ModeView):
         ]
         answer = await self.app.push_screen_wait(
             Question(
-                "Images saved so far stay; the others are dropped.", [*answers, KEEP], title="Cancel a take"
+                "Images saved so far stay; the others are dropped.",
+                [*answers, Answer("", "esc", "Keep all")],
+                title="Cancel a take",
             )
         )
         if answer is not None:

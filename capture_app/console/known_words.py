@@ -3,6 +3,7 @@
 They are ffmpeg's, git's, docker's, OpenCV's, COLMAP's, nerfstudio's and those of camera apps.
 """
 
+import re
 from collections.abc import Sequence
 from difflib import get_close_matches
 from pathlib import Path
@@ -201,6 +202,14 @@ _OPTIONS = {
 """Options, each with other programs' words for it, without hyphens; the first that a command has wins."""
 _OF_A_SESSION = {"reconstruct": "reconstruct compare", "capture-app": "capture-app sessions show"}
 _VIDEOS = (".mp4", ".mov", ".mkv", ".avi", ".mts")
+_NUMBERS = {
+    "integer": "a whole number",
+    "integer range": "a whole number",
+    "float": "a number",
+    "float range": "a number",
+}
+"""What an option of a type takes, by click's name of the type."""
+_TOO_MANY = re.compile(r"Got unexpected extra arguments? \((.*)\)")
 _CLOSE = 0.75
 """Similarity from which a name counts as mistyped; click's own 0.6 takes `--json` for `--count`."""
 
@@ -227,27 +236,24 @@ def takes_argument(line: str) -> bool:
 
 def advise(error: click.UsageError, typed_line: Sequence[str] = ()) -> str:
     """Return the message of a usage error, with what was probably meant by an unknown command or option."""
-    if error.ctx is None:
-        return error.format_message()
+    if error.ctx is None or not isinstance(error, click.NoSuchOption | click.NoSuchCommand):
+        return _in_our_words(error)
     command = error.ctx.command
-    commands = _COMMANDS.get(error.ctx.command_path, {}) if isinstance(command, click.Group) else {}
+    commands = _COMMANDS.get(error.ctx.command_path, {})
+    names = command.list_commands(error.ctx) if isinstance(command, click.Group) else []
     if isinstance(error, click.NoSuchOption):
         what, typed, word = "option", error.option_name, error.option_name.lstrip("-").replace("_", "-")
+        own = {f"{error.ctx.command_path} {word}": word} if word in names else {}
         names = [name for param in command.get_params(error.ctx) for name in param.opts if name[:1] == "-"]
-        known = {line: words for line, words in _OPTIONS.items() if line.split()[0] in names} | commands
-        if isinstance(command, click.Group) and word in command.list_commands(error.ctx):
-            known |= {f"{error.ctx.command_path} {word}": word}
-    elif isinstance(error, click.NoSuchCommand) and isinstance(command, click.Group):
+        known = {line: words for line, words in _OPTIONS.items() if line.split()[0] in names} | commands | own
+    else:
         what, typed, word = "command", error.command_name, error.command_name
-        names, known = command.list_commands(error.ctx), commands
+        known = commands
         if word.casefold().endswith(_VIDEOS):
             return f"'{typed}' is a file: capture-app sessions import FILE ... imports it"
-        command_of_sessions = _OF_A_SESSION.get(error.ctx.command_path, error.ctx.command_path)
         for place in (Path(word), Path("sessions", word)):
-            if (place / "session.json").is_file():
-                return f"'{typed}' is a session; the command comes first: {command_of_sessions} {place}"
-    else:
-        return error.format_message()
+            if (place / "session.json").is_file() and (line := _OF_A_SESSION.get(error.ctx.command_path)):
+                return f"'{typed}' is a session; the command comes first: {line} {place}"
     unknown = f"No such {what} '{typed}'"
     meant = [line for line, words in known.items() if word.casefold() in words.split()]
     # A word of two meanings: `info take1` is about a session, `info` about the rig.
@@ -256,3 +262,34 @@ def advise(error: click.UsageError, typed_line: Sequence[str] = ()) -> str:
         return f"{unknown}: it is {meant[0]}"
     close = get_close_matches(typed.casefold(), names, 1, _CLOSE)
     return f"{unknown}. Did you mean '{close[0]}'?" if close else unknown
+
+
+def _in_our_words(error: click.UsageError) -> str:
+    """Return what an option or argument takes, and what it was given, instead of click's sentences."""
+    text = error.message.rstrip(".")
+    if isinstance(error, click.BadOptionUsage):
+        return f"{error.option_name} needs a value" if "requires an argument" in text else text
+    if not isinstance(error, click.BadParameter) or error.param is None:
+        return _TOO_MANY.sub(
+            lambda given: f"too many arguments: {given[1]}{_option_for(given[1], error)}", text
+        )
+    name, kind = error.param.get_error_hint(error.ctx).replace("'", ""), error.param.type
+    if isinstance(error, click.MissingParameter):
+        return f"{name} is missing"
+    given, is_not, _ = text.partition(" is not ")
+    if not is_not or kind.name not in _NUMBERS:
+        return f"{name}: {text}"
+    low, high, is_open = (getattr(kind, part, None) for part in ("min", "max", "min_open"))
+    limits = "".join(
+        f" {word} {bound:.9g}"
+        for word, bound in (("above" if is_open else "from", low), ("to", high))
+        if bound is not None
+    )
+    return f"{name} takes {_NUMBERS[kind.name]}{limits}, not {given}"
+
+
+def _option_for(given: str, error: click.UsageError) -> str:
+    """Return the first option of the command that takes a number, for a number without one."""
+    params = error.ctx.command.params if error.ctx and given.isdecimal() else []
+    taking = [param.opts[0] for param in params if param.opts[0][:1] == "-" and param.type.name in _NUMBERS]
+    return f" (write {taking[0]} {given})" if taking else ""

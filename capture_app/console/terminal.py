@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from capture_app.common.errors import ExitCode, SimulshotError
-from capture_app.common.text import ProgressStep, pretty_json, printable, terminal_json
+from capture_app.common.text import ProgressStep, count, pretty_json, printable, terminal_json
 from capture_app.console.known_words import advise
 from capture_app.console.output import finish_output
 from capture_app.console.usage import Verbosity, set_verbosity, verbosity
@@ -194,9 +194,9 @@ class Progress:
                 show_progress(ProgressStep(self.done, self.total, text))
 
     def last(self, text: str) -> None:
-        """Show the last step as the last of all, also if others were skipped."""
-        self.done = self.total - 1
-        self.step(text)
+        """Show the last step as the last of all, and how many others were planned but not needed."""
+        self.done, unneeded = self.total - 1, self.total - self.done - 1
+        self.step(f"{text} ({count(unneeded, 'planned step')} not needed)" if unneeded > 0 else text)
 
 
 def show_progress(step: ProgressStep) -> None:

@@ -14,7 +14,7 @@ from reconstruction.common.camera_paths import Frame
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.templates import environment_of
 
-PACKAGE, PAGE = "reconstruction.pages", "walk.html"
+PACKAGE, TEMPLATE = "reconstruction.pages", "walk.html"
 TEMPLATES = Path(__file__).with_name("template")
 QUALITY = 85
 
@@ -30,7 +30,7 @@ class Drawing(NamedTuple):
 
 
 def write_walk_page(
-    out: Path,
+    page: Path,
     name: str,
     *,
     frame: Frame,
@@ -40,7 +40,7 @@ def write_walk_page(
     period_ns: int,
     drawing: Drawing,
 ) -> None:
-    """Write `PAGE` into a folder.
+    """Write the page as a file.
 
     `frame` has the places to look from, `depths` the nearest and the farthest depth. `still` is the picture
     for browsers without 3D.
@@ -61,7 +61,7 @@ def write_walk_page(
     scripts = (drawing.script, TEMPLATES / "walk.js")
     text = (
         environment_of(PACKAGE)
-        .get_template(PAGE)
+        .get_template(TEMPLATE)
         .render(
             name=name,
             cameras=len(views),
@@ -73,7 +73,7 @@ def write_walk_page(
             scripts=[Markup(script.read_text(encoding="utf-8")) for script in scripts],  # noqa: S704 - our own
         )
     )
-    (out / PAGE).write_text(text, encoding="utf-8")
+    page.write_text(text, encoding="utf-8")
 
 
 def image_address(picture: Array, suffix: str) -> str:

@@ -62,6 +62,8 @@ def import_found(
     _say(notes, talk)
     labels = [label_of(f"{name}-{one.take}" if one.take and len(found) > 1 else name) for one in found]
     folders = folder_names(labels, "session", "recording")
+    for folder in folders:
+        OutputFolder(root / folder, replaces_nothing)  # refuses one that exists before it takes long
     return [
         _import(one, root / folder, label, options, progress, talk)
         for one, folder, label in zip(found, folders, labels, strict=True)

@@ -3,6 +3,7 @@
 import asyncio
 import dataclasses
 import functools
+from bisect import bisect_right
 from collections import Counter
 from collections.abc import AsyncIterator, Callable, Collection, Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
@@ -216,6 +217,9 @@ class BurstSession:
         done = self.finished.is_set()
         is_ordered = done and not is_open_ended(self.burst.frames, self.burst.step_ns)
         instants = self.burst.frames if is_ordered else self._recorded_instants
+        if self.burst.video and self._is_of_this_run and not done:
+            # What cameras have not encoded yet counts too, or the progress would jump back at the end.
+            instants = max(instants, bisect_right(self.burst.instants_ns, self._now_ns))
         parts = {
             name: (len(delivery.instants), delivery.given_up) for name, delivery in self._deliveries.items()
         }

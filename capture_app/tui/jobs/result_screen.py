@@ -265,17 +265,18 @@ class ResultScreen(WholeScreen[None]):
 
 
 def open_report(widget: Widget, report: Path | None) -> None:
-    """Open a report in the browser; over SSH, or without a browser, show its path instead."""
+    """Open a report in the browser; over SSH, or without a browser, show its path and copy it."""
     if report is None or not report.is_file():
         error = BadInputError("the report no longer exists", hint="run the job again: key 4, then r")
         widget.post_message(ActionFailed(error))
         return
     path = report.resolve()
     if "SSH_CONNECTION" in os.environ or "SSH_TTY" in os.environ or not _has_browser():
-        widget.app.notify(f"The report is on this machine: {path}", markup=False, timeout=30)
+        widget.app.copy_to_clipboard(str(path))
+        widget.app.notify(f"The report is on this machine:\n{path}", markup=False, timeout=30)
     else:
         widget.app.open_url(path.as_uri())
-        widget.app.notify(f"Opened {path}", markup=False)
+        widget.app.notify(f"Opened\n{path}", markup=False)
 
 
 def _has_browser() -> bool:

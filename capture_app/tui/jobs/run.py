@@ -25,8 +25,6 @@ CAPTURE, RECONSTRUCT = "capture_app.cli", "reconstruction.cli"
 _PROGRAMS = {CAPTURE: "capture-app", RECONSTRUCT: "reconstruct"}
 REPORT = "report.html"
 """Report in a run's folder, for commands that write one."""
-WALK = "walk.html"
-"""Page to walk round in, of views and splats."""
 METHODS = "simulshot.methods"
 COVERAGE = "capture-app coverage"
 """Choice that is no run: the rig's own dialog does what this command does."""
@@ -113,7 +111,7 @@ _STUDIES = (
         "--instant 0 --quick",
         result="view.json",
         fixed=("--page",),
-        page=WALK,
+        page="view.html",
         choices=(
             ("one instant, quick", "--instant 0 --quick"),
             ("one instant, full quality", "--instant 0"),
@@ -129,7 +127,7 @@ _STUDIES = (
         "--instant 0 --quick",
         result="splat.json",
         fixed=("--page",),
-        page=WALK,
+        page="splat.html",
         choices=(
             ("one instant, quick", "--instant 0 --quick"),
             ("one instant, full quality", "--instant 0"),
@@ -143,6 +141,7 @@ _STUDIES = (
         RECONSTRUCT,
         ("people",),
         result="people.json",
+        page="people.html",
     ),
     Command(
         "calibrate",

@@ -8,9 +8,12 @@ from textual import events, work
 from textual.binding import Binding, BindingType
 from textual.content import Content
 
+from capture_app.common.camera_facts import SIMULATED
 from capture_app.common.names import check_name, is_name
 from capture_app.common.take_limits import LIMITS
 from capture_app.common.text import duration, printable
+from capture_app.protocol.orders import FLAT_SCENES
+from capture_app.protocol.status import RigStatus
 from capture_app.rig.motion_watch import WHOLE, Region
 from capture_app.rig.taking import TakePlan
 from capture_app.session.library.changes import check_note
@@ -24,6 +27,8 @@ MAX_BEFORE = 60
 MAX_FRAMES = int(LIMITS["frames"][1])
 LENGTHS_S = (0.0, 5.0, 10.0, 20.0, 30.0, 60.0, 120.0, 300.0, 600.0, 1800.0, 3600.0)
 """Durations of a recording; 0: until it is stopped."""
+MAX_RENDERED = 1500
+"""Maximum frames that a recording leaves simulated cameras to render."""
 REGIONS: dict[str, Region] = {
     "whole picture": WHOLE,
     "left half": (0.0, 0.0, 0.5, 1.0),
@@ -120,10 +125,13 @@ class TakeSettings:
         """Return the settings with this many frames after the key press, and unchanged frames before it."""
         return replace(self, frames=max(self.before + max(after, 0), 1))
 
-    def plan(self) -> TakePlan:
-        """Return the plan of a take with these settings."""
+    def plan(self, max_s: float | None = None) -> TakePlan:
+        """Return the plan of a take with these settings; a recording lasts at most `max_s` seconds."""
         pictures: dict[str, Any] = {"frames": self.frames, "before": self.before}
-        video: dict[str, Any] = {"video": True, "seconds": self.seconds or None}
+        video: dict[str, Any] = {
+            "video": True,
+            "seconds": min(filter(None, (self.seconds, max_s)), default=None),
+        }
         return TakePlan(
             name=self.name,
             note=self.note,
@@ -133,6 +141,22 @@ class TakeSettings:
             on_motion=REGIONS[self.region] if self.mode == "motion" else None,
             **(video if self.mode == "recording" else pictures),
         )
+
+
+def render_limit_s(status: RigStatus) -> float | None:
+    """Return the longest recording, in s, that leaves the rig MAX_RENDERED frames of a scene to render.
+
+    None without a simulated camera of a scene on the leader's machine: a test card is drawn while it records.
+    """
+    rendered = sum(
+        node.camera.kind == SIMULATED
+        and "scene=" in node.spec
+        and not any(f"scene={flat}" in node.spec for flat in FLAT_SCENES)
+        for node in status.cameras
+    )
+    return (
+        round(MAX_RENDERED * status.period_ns / rendered / 1e9, 1) if rendered and status.period_ns else None
+    )
 
 
 def stepped(values: tuple[float, ...], value: float, steps: int) -> float:
@@ -225,6 +249,8 @@ class PlanPanel(Lines, can_focus=True):
         self.border_title = "Next take"
         self._chosen = 0
         self._period_ns: int | None = None
+        self.max_s: float | None = None
+        """Maximum length of a recording; None without a limit."""
         self._show()
 
     def watch_has_focus(self, has_focus: bool) -> None:
@@ -241,11 +267,22 @@ class PlanPanel(Lines, can_focus=True):
             self._chosen = at
             self._show()
 
-    def show_period(self, period_ns: int | None) -> None:
-        """Show the durations of the frame counts at this period."""
-        if period_ns != self._period_ns:
-            self._period_ns = period_ns
+    def show_rig(self, status: RigStatus) -> None:
+        """Show the durations of the frame counts at the rig's period, and how long it can record."""
+        now = status.period_ns, render_limit_s(status)
+        if now != (self._period_ns, self.max_s):
+            self._period_ns, self.max_s = now
             self._show()
+
+    @property
+    def advice(self) -> str:
+        """What limits the next take, in words; empty if nothing does."""
+        return (
+            ""
+            if self.settings.mode != "recording" or self.max_s is None
+            else f"A recording of simulated cameras ends after {self.max_s:.0f} s: rendering its"
+            f" {MAX_RENDERED} frames takes minutes. Fewer cameras record longer; the scene bars has no limit."
+        )
 
     def change(self, settings: TakeSettings) -> None:
         """Use these settings from now on, and store them."""

@@ -101,7 +101,7 @@ class ShootView(ModeView):
             "Cancel",
             id="shoot.cancel",
             show=False,
-            tooltip="a burst that is scheduled, or being saved",
+            tooltip="a take that is scheduled, or being saved",
         ),
     ]
 
@@ -169,7 +169,7 @@ class ShootView(ModeView):
             case RigStatus() as status:
                 if self._was_lost:
                     self._was_lost, self._failure = False, ""
-                self.plan_panel.show_period(status.period_ns)
+                self.plan_panel.show_rig(status)
                 self.stage.grid.show_status(status)
                 if status.burst is not None and status.burst.name:
                     self._note(status.burst)
@@ -196,7 +196,7 @@ class ShootView(ModeView):
             recording.ended_s = self._record.clock()
             self._show_course()
         else:
-            self._shoot(self.plan_panel.settings.plan())
+            self._shoot(self.plan_panel.settings.plan(self.plan_panel.max_s))
 
     @property
     def _recording(self) -> Take | None:
@@ -221,7 +221,7 @@ class ShootView(ModeView):
     async def action_retake(self) -> None:
         """Repeat the last take, after asking whether to keep or trash it."""
         last = next((take for take in reversed(self.takes) if take.plan is not None), None)
-        plan = (last and last.plan) or self.plan_panel.settings.plan()
+        plan = (last and last.plan) or self.plan_panel.settings.plan(self.plan_panel.max_s)
         if self._taking.is_open:
             return
         if last is None or last.sheet is None or last.trashed:
@@ -319,14 +319,18 @@ class ShootView(ModeView):
         status = self._record.status
         offers = {} if status is None else cancellable_bursts(status, self.takes)
         if not offers:
-            self.notify("no burst is scheduled or being saved")
+            self.notify("no take is scheduled or being saved")
             return
         answers = [
             Answer(str(burst), str(key), words)
             for key, (burst, words) in enumerate(list(offers.items())[:MAX_ANSWERS], 1)
         ]
         answer = await self.app.push_screen_wait(
-            Question("Images received so far are saved.", [*answers, CANCEL], title="Cancel a burst")
+            Question(
+                "Images saved so far stay; the others are dropped.",
+                [*answers, Answer("", "esc", "Keep all")],
+                title="Cancel a take",
+            )
         )
         if answer is not None:
             self._order(CancelBurst(burst=int(answer)))
@@ -486,13 +490,19 @@ class ShootView(ModeView):
             return Content.styled(printable(f"{NO_LEADER}{remedy}: {self._record.lost}"), NO_LEADER.style)
         if newest is not None and not newest.status.done and not newest.problem:
             words = f"◔ {printable(newest.status.name)}: {progress_words(newest, now_s, self.takes)}"
-            words += "; Space stops" if newest is self._recording else ""
+            words += (
+                "; Space stops"
+                if newest is self._recording
+                else "; x cancels"
+                if newest.status.recording
+                else ""
+            )
             return Content.styled(words, "bold $primary")
         if self._failure:
             return Content.styled(f"! no take: {printable(self._failure)}", "bold $warning")
         if self.has_class("narrow", "sheet") and self.stage.sheet.sheet is not None:
             return verdict_line(self.stage.sheet.sheet.verdict)
-        advice = "" if self._record.status is None else self._record.status.advice
+        advice = self.plan_panel.advice or ("" if self._record.status is None else self._record.status.advice)
         return Content.styled(printable(advice), "$foreground-muted")
 
     def _want_previews(self) -> None:

@@ -110,8 +110,7 @@ def progress_words(take: Take, now_s: float, takes: Sequence[Take] = ()) -> str:
             left = "" if left_s is None else f", some {left_s:.0f} s left"
             return f"recorded {length}; {status.received} of {status.expected} frames saved{left}"
         of = "" if take.planned_s is None else f" of {_minutes(take.planned_s)}"
-        lacking = f", {status.expected - status.received} in transit" if status.expected else ""
-        return f"recording {length}{of}: {status.received} frames{lacking}"
+        return f"recording {length}{of}: {status.received} of {status.expected} frames saved"
     after = f", {seconds:.0f} s" if seconds >= SAID_AFTER_S else ""
     if status.received:
         return f"{status.received} of {status.expected} images{after}"

@@ -17,9 +17,9 @@ MAX_TIMES = 2000
 
 
 def write_people_page(
-    out: Path, name: str, found: PeopleInTime, views: Mapping[str, View], still: Array
+    page: Path, name: str, found: PeopleInTime, views: Mapping[str, View], still: Array
 ) -> None:
-    """Write the page into a folder; `still` is the picture for browsers without 3D."""
+    """Write the page as a file; `still` is the picture for browsers without 3D."""
     shown = np.unique(np.linspace(0, len(found.times_s) - 1, min(len(found.times_s), MAX_TIMES)).astype(int))
     points = np.concatenate([person.positions[np.isfinite(person.error)] for person in found.people])
     frame = frame_of(views, np.median(points, axis=0))
@@ -39,7 +39,7 @@ def write_people_page(
     ]
     step_s = float(np.diff(found.times_s[shown]).mean()) if len(shown) > 1 else 1.0
     write_walk_page(
-        out,
+        page,
         name,
         frame=frame,
         depths=(float(away.min()), float(away.max())),

@@ -30,12 +30,11 @@ from reconstruction.methods.people.people_scene import (
     people_at,
     up_axes,
 )
-from reconstruction.pages.walk_page import PAGE
 from reconstruction.scene.conditions import Condition
 from reconstruction.scene.provenance import Provenance
 from reconstruction.scene.scene import Scene
 
-TABLE, PICTURES, FILMS, PLOTS = "people.csv", "pictures", "films", "plots"
+TABLE, PAGE, PICTURES, FILMS, PLOTS = "people.csv", "people.html", "pictures", "films", "plots"
 
 
 def own_names() -> set[str]:
@@ -172,7 +171,7 @@ def _write(
     left_out = write_formats(folder, times_s, found.skeleton, upright, scene.unit, options.smooth)
     write_plots(folder / PLOTS, found, rotation[1], scene.unit)
     still = write_pictures(folder / PICTURES, scene.dataset, scene.views, found)
-    write_people_page(folder, scene.dataset.name, found, scene.views, still)
+    write_people_page(folder / PAGE, scene.dataset.name, found, scene.views, still)
     if options.film:
         options.progress.step("films")
         write_films(folder / FILMS, scene.dataset, scene.views, found)

@@ -55,7 +55,7 @@ class SplatOptions(Method, frozen=True, kw_only=True):
     ] = False
 
     page: Annotated[
-        bool, command_flag("--page", help="Also write walk.html, a page that plays the splats.")
+        bool, command_flag("--page", help="Also write splat.html, a page that plays the splats.")
     ] = False
     spz: Annotated[
         bool, command_flag("--spz", help="Also write each splat as .spz, a fifth of the .ply's size.")

@@ -76,9 +76,9 @@ class Grid(NamedTuple):
 
 
 def write_splat_page(
-    out: Path, name: str, files: Mapping[int, Path], frame: Frame, views: Mapping[str, View], period_ns: int
+    page: Path, name: str, files: Mapping[int, Path], frame: Frame, views: Mapping[str, View], period_ns: int
 ) -> None:
-    """Write the page into a folder, with splats by instant; `views` are those that they were made from.
+    """Write the page as a file, with splats by instant; `views` are those that they were made from.
 
     An instant holds which Gaussians of the one before stay, and all others. Those stay that are at the same
     place with about the same colour.
@@ -96,7 +96,7 @@ def write_splat_page(
         [first.places @ view.rotation[2] + view.translation[2] for view in views.values()]
     )
     write_walk_page(
-        out,
+        page,
         name,
         frame=frame,
         depths=(float(depths[depths > 0].min()), float(depths.max())),

@@ -28,13 +28,12 @@ from reconstruction.methods.splat.gaussians import (
 from reconstruction.methods.splat.optimization import optimize
 from reconstruction.methods.splat.splat_options import SplatOptions
 from reconstruction.methods.splat.splat_page import write_splat_page
-from reconstruction.pages.walk_page import PAGE
 from reconstruction.scene.conditions import Condition
 from reconstruction.scene.instant_choice import instants_shown
 from reconstruction.scene.provenance import Provenance
 from reconstruction.scene.scene import Scene
 
-SPLATS = "splats"
+SPLATS, PAGE = "splats", "splat.html"
 OURS = {SPLATS, PAGE}
 MIN_CAMERAS = 4
 """Depth takes three; the fourth is left out."""
@@ -188,7 +187,9 @@ def make_splats(
         raise NotApplicableError("no instant has depth", hint="reconstruct multiview says why")
     if options.page:
         files = {moment.instant: folder / moment.file for moment in made}
-        write_splat_page(folder, dataset.name, files, frame_of(views, subject), views, dataset.period_ns)
+        write_splat_page(
+            folder / PAGE, dataset.name, files, frame_of(views, subject), views, dataset.period_ns
+        )
     return SplatResult(
         session=dataset.name,
         condition=condition.name,

@@ -50,5 +50,5 @@ class ViewOptions(Method, frozen=True, kw_only=True):
     ] = False
 
     page: Annotated[
-        bool, command_flag("--page", help="Also write walk.html, a page to walk round in; --out is a folder.")
+        bool, command_flag("--page", help="Also write view.html, a page to walk round in; --out is a folder.")
     ] = False

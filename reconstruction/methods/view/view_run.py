@@ -22,13 +22,12 @@ from reconstruction.depth.view_blending import render
 from reconstruction.method.moments import see_moments
 from reconstruction.methods.view.view_options import ViewOptions
 from reconstruction.methods.view.walk_page import write_moments
-from reconstruction.pages.walk_page import PAGE
 from reconstruction.scene.conditions import Condition
 from reconstruction.scene.dataset import Dataset
 from reconstruction.scene.provenance import Provenance
 from reconstruction.scene.scene import Scene
 
-VIEWS, MAPS = "views", "maps"
+VIEWS, MAPS, PAGE = "views", "maps", "view.html"
 OURS = {VIEWS, MAPS, PAGE}
 FPS = 30.0
 STILL = "still"
@@ -123,7 +122,7 @@ def render_views(scene: Scene, condition: Condition, folder: Path, options: View
         shares.append(float(picture.known.mean()))
     if options.page:
         moments = {k: load_moment(folder / MAPS / f"{k:06d}") for k in seen}
-        write_moments(folder, dataset.name, moments, subject, dataset.period_ns // len(order_ns))
+        write_moments(folder / PAGE, dataset.name, moments, subject, dataset.period_ns // len(order_ns))
     return ViewResult(
         session=dataset.name,
         instants=tuple(seen),

@@ -23,15 +23,15 @@ HELD = 8
 
 
 def write_moments(
-    out: Path, name: str, moments: Mapping[int, Moment], subject: Array, period_ns: int
+    page: Path, name: str, moments: Mapping[int, Moment], subject: Array, period_ns: int
 ) -> None:
-    """Write the page into a folder, with moments by instant, to walk round a point (3,)."""
+    """Write the page as a file, with moments by instant, to walk round a point (3,)."""
     cameras = {camera: seen.view for moment in moments.values() for camera, seen in moment.items()}
     first = next(iter(moments.values()))
     frame, shape = frame_of(cameras, subject), next(iter(cameras.values()))
     known = [seen.depth[seen.depth > 0] for moment in moments.values() for seen in moment.values()]
     write_walk_page(
-        out,
+        page,
         name,
         frame=frame,
         depths=(min(float(depth.min()) for depth in known), max(float(depth.max()) for depth in known)),

@@ -27,5 +27,5 @@ t kill-server
 "$@" reconstruct stereo sessions/burst-001 --instant 3 --out depth >log 2>&1 || { cat log; exit 1; }
 step "depth of an instant: $(find depth -type f | wc -l) files"
 "$@" reconstruct view sessions/burst-001 --instants 3 --quick --page --frames 8 --out walk >log 2>&1 || { cat log; exit 1; }
-step "a page to walk round in: $(find walk -name walk.html)"
+step "a page to walk round in: $(find walk -name view.html)"
 last=$began; step "together, on $(nproc) processors, load $(cut -d' ' -f1 /proc/loadavg)"

@@ -308,3 +308,23 @@ def test_a_session_in_place_of_a_command_is_answered_with_a_command(
     ):
         assert RUN[program](["take1"]) == ExitCode.USAGE
         assert f"the command comes first: {command} sessions/take1" in capfd.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("capture-app burst --frames x", "--frames takes a whole number from 1 to 100000, not 'x'"),
+        ("capture-app burst --frames 0", "--frames takes a whole number from 1 to 100000, not 0"),
+        ("capture-app burst --frames", "--frames needs a value"),
+        ("capture-app burst 3 4", "too many arguments: 3 4"),
+        ("capture-app burst 10", "too many arguments: 10 (write --frames 10)"),
+        ("capture-app record 10", "too many arguments: 10 (write --seconds 10)"),
+        ("capture-app sessions show", "SESSION is missing"),
+        ("capture-app sessions sheet nosuch", "--out is missing"),
+        ("reconstruct calibrate x --board axb", "--board: 'axb' is not columns x rows"),
+    ],
+)
+def test_a_usage_error_says_what_is_taken(line: str, said: str, capsys: pytest.CaptureFixture[str]) -> None:
+    command, *arguments = shlex.split(line)
+    assert RUN[command](arguments) == ExitCode.USAGE
+    assert f"{command}: error: {said}" in capsys.readouterr().err

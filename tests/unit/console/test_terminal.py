@@ -64,8 +64,18 @@ def command(rate: float, how: str, as_json: bool) -> None:
     ("arguments", "code", "out", "err"),
     [
         ((), ExitCode.OK, "rate 1\n", ""),
-        (("--rate", "11"), ExitCode.USAGE, "", "is not in the range"),
-        (("--rate", "nan"), ExitCode.USAGE, "", "not a finite number (see it --help)"),
+        (
+            ("--rate", "11"),
+            ExitCode.USAGE,
+            "",
+            "--rate takes a number from 0 to 10, not 11.0 (see it --help)",
+        ),
+        (
+            ("--rate", "nan"),
+            ExitCode.USAGE,
+            "",
+            "--rate takes a number from 0 to 10, not 'nan' (see it --help)",
+        ),
         (("--rat", "1"), ExitCode.USAGE, "", "Did you mean '--rate'?"),
         (("--how", "bad"), ExitCode.BAD_INPUT, "", "it: error: no session (name another)"),
         (("--how", "stop"), ExitCode.INTERRUPTED, "", ""),
@@ -115,7 +125,10 @@ def test_progress_in_a_file_is_a_line_each_step(capsys: pytest.CaptureFixture[st
     progress.step("calibration")
     progress.last("report")
     Progress(1, silent=True).step("nothing")
-    assert capsys.readouterr().err.splitlines() == ["[1/3] calibration", "[3/3] report"]
+    assert capsys.readouterr().err.splitlines() == [
+        "[1/3] calibration",
+        "[3/3] report (1 planned step not needed)",
+    ]
     show = show_count("images")
     for done in range(1, 1001):
         show(done, 1000)

@@ -4,6 +4,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
+from textual.widgets._toast import Toast
 
 from capture_app.common.errors import BadInputError
 from capture_app.tui.app import SimulshotApp
@@ -165,6 +166,14 @@ async def test_a_lost_leader_is_restarted_without_leaving_the_mode() -> None:
             await pilot.pause()
         assert app.current_mode == "shoot"
         assert any("starting a leader at 127.0.0.1:47010" in words for words in toasts(app))
+
+
+async def test_a_path_in_a_toast_is_one_line_where_the_window_has_room() -> None:
+    app = make_app(FakeRig(1))
+    async with app.run_test(size=(80, 24), notifications=True) as pilot:
+        app.notify("The report is on this machine:\n/home/ada/sessions/results/burst-001/compare/report.html")
+        await settle(pilot)
+        assert app.screen.query_one(Toast).content_size.height == 2
 
 
 async def test_ctrl_c_names_the_key_that_quits() -> None:

@@ -146,6 +146,16 @@ def test_a_name_that_is_its_folders_has_no_label(tmp_path: Path) -> None:
     assert all("label" not in camera for camera in json.loads(text)["cameras"])
 
 
+def test_a_session_that_exists_is_refused_before_anything_is_aligned(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = shoot(tmp_path / "shoot", ("left", "right"))
+    import_found([str(folder)], tmp_path / "out", "s", ImportOptions(fps=30.0))
+    monkeypatch.setattr("capture_app.companions.importing.recording.make_times", None)
+    with pytest.raises(BadInputError, match="exists already"):
+        import_found([str(folder)], tmp_path / "out", "s", ImportOptions(fps=30.0))
+
+
 @pytest.mark.parametrize("name", ["", " ", "a/b", "a\\b", "a\nb", ".."])
 def test_a_session_name_that_is_none_is_refused(name: str, tmp_path: Path) -> None:
     folder = shoot(tmp_path / "shoot", ("left", "right"))

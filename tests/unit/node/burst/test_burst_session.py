@@ -17,8 +17,12 @@ from capture_app.session.format.manifest import MissingImage, PhaseRecord
 from capture_app.session.library.listing import list_sessions
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
+from capture_app.session.writing.session_writer import SessionWriter
+from capture_app.sync.rig.frame_selection import Burst
 from tests.images import small_jpeg
 from tests.unit.node.bursts import (
+    CAMERA,
+    DISK,
     IMAGE,
     INSTANTS_NS,
     PERIOD_NS,
@@ -51,6 +55,17 @@ async def test_it_is_finished_when_every_camera_has_delivered(tmp_path: Path) ->
     assert session.finished.is_set()
     assert len(saved(session).manifest.images) == 4
     assert session.status.message == ""
+
+
+async def test_a_recording_counts_what_its_cameras_have_not_encoded_yet(tmp_path: Path) -> None:
+    instants_ns = tuple(INSTANTS_NS[0] + PERIOD_NS * n for n in range(300))
+    burst = Burst(1, instants_ns, PERIOD_NS, INSTANTS_NS[0], ("a",), streamed=True, video=True)
+    session = BurstSession.begin(burst, {"a": CAMERA}, SessionWriter.create(tmp_path, "recording-001"), DISK)
+    counts = []
+    for seconds in (1, 4, 9):
+        await session.give_up_silent_cameras({}, INSTANTS_NS[0] + seconds * 10**9)
+        counts.append((session.status.received, session.status.expected))
+    assert counts == [(0, 31), (0, 121), (0, 271)]
 
 
 @pytest.mark.skipif(os.name == "nt", reason="Windows renames no folder in which files are open")

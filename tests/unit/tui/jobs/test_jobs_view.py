@@ -191,7 +191,8 @@ async def test_the_report_opens_in_the_browser_and_over_ssh_its_path_is_told(
         assert len(opened) == 1
         monkeypatch.setenv("SSH_CONNECTION", "1.2.3.4 5 6.7.8.9 22")
         await pilot.press("o")
-        await until(pilot, lambda: any(str(report) in toast.replace("\n", "") for toast in toasts(pilot.app)))
+        await until(pilot, lambda: any(str(report) in toast for toast in toasts(pilot.app)))
+        assert pilot.app.clipboard == str(report)
         assert len(opened) == 1
 
 

@@ -14,6 +14,9 @@ from capture_app.session.library.changes import rename_session, results_folder
 from capture_app.session.reading.reader import Session
 from capture_app.tui.jobs.run import COMMANDS, Run, RunState
 from capture_app.tui.jobs.runs import INTERRUPTED, Runs
+from reconstruction.methods.people import people_result
+from reconstruction.methods.splat import splat_run
+from reconstruction.methods.view import view_run
 from tests.waiting import until
 
 QUICK, QUICK_STITCH, QUICK_DOSE = (
@@ -33,6 +36,11 @@ def runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Runs:
     for quick in (QUICK, QUICK_STITCH, QUICK_DOSE):
         monkeypatch.setitem(COMMANDS, quick.name, quick)
     return Runs(tmp_path)
+
+
+def test_a_job_opens_the_page_that_its_command_writes() -> None:
+    pages = {"view": view_run.PAGE, "splat": splat_run.PAGE, "people": people_result.PAGE}
+    assert {name: COMMANDS[name].page for name in pages} == pages
 
 
 async def test_a_job_from_queue_to_result(runs: Runs, session: Session, tmp_path: Path) -> None:

@@ -75,7 +75,7 @@ async def test_an_analysis_asks_what_matters_and_opens_its_page(
     quick = replace(
         COMMANDS["splat"],
         module="tests.unit.tui.jobs.quick_command",
-        choices=(("quick", "write splat.json"), ("with its page", "write splat.json write walk.html")),
+        choices=(("quick", "write splat.json"), ("with its page", "write splat.json write splat.html")),
         fixed=(),
     )
     monkeypatch.setitem(COMMANDS, quick.name, quick)
@@ -86,11 +86,11 @@ async def test_an_analysis_asks_what_matters_and_opens_its_page(
         assert "with its page" in str(pilot.app.screen.query_one(OptionList).get_option_at_index(1).prompt)
         await pilot.press("down", "enter")
         await settle(pilot)
-        assert pilot.app.screen.query_one(Input).value == "write splat.json write walk.html"
+        assert pilot.app.screen.query_one(Input).value == "write splat.json write splat.html"
         await pilot.press("enter")
         await until(pilot, lambda: opened)
         (job,) = jobs(pilot)
-        assert opened == [job.out / "walk.html"]
+        assert opened == [job.out / "splat.html"]
 
 
 @pytest.mark.parametrize(

@@ -22,6 +22,7 @@ from capture_app.protocol.orders import CancelBurst, EndBurst
 from capture_app.protocol.status import BurstStatus, CameraTransfer, RigStatus
 from capture_app.rig.taking import TakePlan
 from capture_app.tui.question import Question
+from capture_app.tui.shoot.shoot_plan import render_limit_s
 from capture_app.tui.shoot.shoot_view import cancellable_bursts
 from capture_app.tui.shoot.takes import Take, progress_words, transfer_line
 from capture_app.tui.widgets.key_footer import KeyFooter
@@ -222,7 +223,7 @@ async def test_bursts_ahead_are_cancelled_by_a_key(tmp_path: Path) -> None:
         assert buttons == [
             "1 burst-007: begins in 2 min, 1 frame",
             "2 burst-008: begins in 9 min, 5 frames",
-            "esc Cancel",
+            "esc Keep all",
         ]
         await pilot.press("escape", "x", "2")
         await studio.settle(pilot)
@@ -235,7 +236,7 @@ async def test_a_burst_that_is_being_saved_is_cancelled_too_and_a_refusal_is_tol
     studio = Studio(rig, tmp_path)
     async with studio.running(notifications=True) as pilot:
         await pilot.press("x")
-        await until(pilot, lambda: any("no burst is scheduled" in said for said in toasts(studio.app)))
+        await until(pilot, lambda: any("no take is scheduled" in said for said in toasts(studio.app)))
         await pilot.press("space")
         await until(pilot, lambda: line_of(studio) == "◔ burst-001: taken; cameras are saving")
         await pilot.press("x")
@@ -269,6 +270,26 @@ def test_a_recording_in_the_way_of_a_newer_take_can_be_cancelled() -> None:
     assert list(cancellable_bursts(status, takes)) == [2]
 
 
+async def test_simulated_cameras_record_no_more_than_they_render_in_minutes(tmp_path: Path) -> None:
+    rig = ready_rig(5)
+    spec = "sim:phone-a,scene={},drops=0"
+    rig.nodes = tuple(replace_fields(node, spec=spec.format("studio")) for node in rig.nodes)
+    studio = Studio(rig, tmp_path)
+    async with studio.running(120, 40) as pilot:
+        panel = studio.view.plan_panel
+        panel.change(replace(panel.settings, mode="recording", seconds=300.0))
+        rig.tell()
+        await studio.settle(pilot)
+        assert "simulated cameras ends after 10 s" in line_of(studio)
+        await pilot.press("space")
+        await studio.settle(pilot)
+        assert [request.seconds for request in studio.requests] == [10.0]
+    rig.nodes = tuple(replace_fields(node, spec=spec.format("bars")) for node in rig.nodes)
+    assert render_limit_s(rig.status()) is None, "a test card is drawn as fast as it is recorded"
+    rig.nodes = ready_rig(5).nodes
+    assert render_limit_s(rig.status()) is None, "a scene may be rendered by another machine"
+
+
 async def test_space_records_and_ends_the_recording(tmp_path: Path) -> None:
     rig = ready_rig(2)
     studio = Studio(rig, tmp_path)
@@ -293,10 +314,10 @@ async def test_space_records_and_ends_the_recording(tmp_path: Path) -> None:
         rig.tell()
         await studio.settle(pilot)
         assert "recording 0:0" in line_of(studio)
-        assert "80 frames, 2 in transit; Space stops" in line_of(studio)
+        assert "80 of 82 frames saved; Space stops" in line_of(studio)
         await pilot.press("space")
         await studio.settle(pilot)
-        assert line_of(studio).endswith("; 80 of 82 frames saved")
+        assert line_of(studio).endswith("; 80 of 82 frames saved; x cancels")
         assert "Space stops" not in line_of(studio)
         assert ("order", EndBurst(burst=4)) in rig.asked
         assert sum(asked[0] == "burst" for asked in rig.asked) == 1
@@ -310,7 +331,7 @@ def test_a_recording_of_a_planned_length_ends_by_itself() -> None:
         burst=1, name="walk", recording=True, cameras=2, instants=90, received=0, expected=180
     )
     take = Take(status, TakePlan(video=True, seconds=5.0), begun_s=100.0)
-    said = "recording 0:03 of 0:05: 0 frames, 180 in transit"
+    said = "recording 0:03 of 0:05: 0 of 180 frames saved"
     assert progress_words(take, 103.5) == said
     # The leader reports the end a little later than the screen's clock would.
     take.ended_s = 105.4

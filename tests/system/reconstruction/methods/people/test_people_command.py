@@ -35,7 +35,7 @@ def test_python_gives_arrays_with_names(tmp_path: Path) -> None:
     table = (tmp_path / "out" / "people.csv").read_text()
     assert table.startswith("time_s,person,joint,x,y,z,precision_95,cameras,reprojection_px\n")
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == [
-        "c3d", "people.csv", "people.gltf", "people.json", "pictures", "plots", "trc", "walk.html",
+        "c3d", "people.csv", "people.gltf", "people.html", "people.json", "pictures", "plots", "trc",
     ]  # fmt: skip
 
 

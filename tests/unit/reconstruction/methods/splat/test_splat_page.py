@@ -28,8 +28,8 @@ def page(tmp_path: Path) -> Path:
     views = {camera: seen.view for camera, seen in cameras.items()}
     frame = frame_of(views, find_subject(cameras))
     files = {3: tmp_path / "3.ply", 4: tmp_path / "4.ply"}
-    write_splat_page(tmp_path, "clap", files, frame, views, 33_000_000)
-    return tmp_path / "walk.html"
+    write_splat_page(tmp_path / "splat.html", "clap", files, frame, views, 33_000_000)
+    return tmp_path / "splat.html"
 
 
 def unpacked(text: str) -> Array:
@@ -89,8 +89,8 @@ def test_what_stands_still_is_in_it_once(tmp_path: Path) -> None:
 def page_of(folder: Path, files: dict[int, Path], views: dict[str, View], frame: Frame) -> Path:
     """A page of files in a new folder."""
     folder.mkdir()
-    write_splat_page(folder, "clap", files, frame, views, 33_000_000)
-    return folder / "walk.html"
+    write_splat_page(folder / "splat.html", "clap", files, frame, views, 33_000_000)
+    return folder / "splat.html"
 
 
 def test_a_stray_costs_no_precision(tmp_path: Path) -> None:

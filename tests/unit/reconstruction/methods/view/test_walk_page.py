@@ -22,8 +22,10 @@ NAME = "<b>clap</b>"
 @pytest.fixture
 def page(tmp_path: Path) -> Path:
     """A page of two instants of a known moment."""
-    write_moments(tmp_path, NAME, {3: moment(), 4: moment()}, find_subject(moment()), 33_000_000)
-    return tmp_path / "walk.html"
+    write_moments(
+        tmp_path / "view.html", NAME, {3: moment(), 4: moment()}, find_subject(moment()), 33_000_000
+    )
+    return tmp_path / "view.html"
 
 
 def test_it_is_one_file_that_asks_nobody(page: Path) -> None:

@@ -1,5 +1,6 @@
 """Snapshots of a rig for operators: status, log lines, previews, and details of one node."""
 
+from collections import Counter
 from typing import Annotated, Literal
 
 from msgspec import Meta, Struct
@@ -42,6 +43,11 @@ class NodeStatus(Report, frozen=True, kw_only=True, array_like=False):
     """Whether it is a process of the leader, which an operator can remove."""
     spec: str = ""
     """Spec of such a camera, without its password, with which the next leader can start it again."""
+
+    @property
+    def title(self) -> str:
+        """What people call it: its label, or its name."""
+        return self.camera.label or self.name
 
     @property
     def time_error_ns(self) -> int | None:
@@ -88,6 +94,8 @@ class CameraTransfer(Struct, frozen=True, kw_only=True):
     received: int
     expected: int
     problem: str = ""
+    label: str = ""
+    """As in the camera's facts."""
 
 
 class BurstStatus(Struct, frozen=True, kw_only=True):
@@ -152,6 +160,15 @@ class RigStatus(Struct, frozen=True, kw_only=True):
         """The planned order in words: "stagger: even, steps of 8.33 ms"; empty if all are at one instant."""
         kind = f"{EVEN}, " if self.stagger == EVEN else ""
         return f"stagger: {kind}{self.steps}" if self.stagger else ""
+
+    @property
+    def titles(self) -> dict[str, str]:
+        """What people call each node, by its name; beside the name, if they call several so."""
+        times = Counter(node.title for node in self.nodes)
+        return {
+            node.name: node.title if times[node.title] == 1 else f"{node.title} ({node.name})"
+            for node in self.nodes
+        }
 
     @property
     def cameras(self) -> tuple[NodeStatus, ...]:

@@ -21,6 +21,7 @@ from capture_app.common.errors import (
     SimulshotError,
     UnknownMachineError,
 )
+from capture_app.common.names import is_name, label_key
 from capture_app.common.node_state import NodeState
 from capture_app.common.text import command_line
 from capture_app.common.timeouts import ANSWER_TIMEOUT_S, ORDER_TIMEOUT_S, STATUS_TIMEOUT_S
@@ -66,7 +67,8 @@ async def set_cameras(
 
     Raises BadInputError for a camera that is not here, NetworkError.
     """
-    here = present_cameras(await ask_status(leader))
+    rig = await ask_status(leader)
+    here, cameras = present_cameras(rig), [camera_named(rig, text) for text in cameras]
     if unknown := sorted({*cameras} - {*here}):
         raise BadInputError(
             f"the rig has no camera {', '.join(unknown)}", hint="list them with: capture-app status"
@@ -85,6 +87,7 @@ async def match_cameras(
     gain steps differ between models. Raises BadInputError if the rig has no such camera, and NetworkError.
     """
     rig = await ask_status(leader)
+    source = camera_named(rig, source)
     first = (await set_cameras(leader, dict.fromkeys(controls, "hold"), [source]))[source]
     others = [name for name in present_cameras(rig) if name != source]
     rest = await asyncio.gather(*(_set_like(leader, name, first, controls) for name in others))
@@ -92,6 +95,19 @@ async def match_cameras(
         source: first,
         **dict(zip(others, rest, strict=True)),
     }
+
+
+def camera_named(rig: RigStatus, text: str) -> str:
+    """Return the name of the node that a person means, by what people call it or its name.
+
+    It is `text` if there is none. Raises BadInputError where that is not a name.
+    """
+    called = {label_key(name): name for name in rig.titles}
+    called |= {label_key(title): name for name, title in rig.titles.items()}
+    named = called.get(label_key(text), text)
+    if not is_name(named):
+        raise BadInputError(f"the rig has no camera {text}", hint=f"it has {', '.join(rig.titles.values())}")
+    return named
 
 
 def present_cameras(rig: RigStatus) -> list[str]:
@@ -157,7 +173,7 @@ class RigLink:
         self._channel: Channel[Any] | None = None
         self._request: orders.PreviewRequest | None = None
         self._log_ns = 0
-        self._rig: RigStatus | None = None
+        self.rig: RigStatus | None = None
         """The latest status received."""
 
     def another(self) -> "RigLink":
@@ -190,7 +206,7 @@ class RigLink:
                             yield update
             except SimulshotError as error:
                 if not failures:
-                    rig = None if isinstance(error, UnknownMachineError) else self._rig
+                    rig = None if isinstance(error, UnknownMachineError) else self.rig
                     yield LinkLost(str(error) if rig is None else f"{error.what}; {start_again(rig)}")
             finally:
                 self._channel = None
@@ -237,7 +253,7 @@ class RigLink:
     async def _read(self, channel: Channel[Any], message: messages.FromLeader) -> AsyncIterator[Update]:
         match message:
             case messages.StatusAnswer():
-                self._rig = message.rig
+                self.rig = message.rig
                 yield message.rig
             case orders.LogAnswer():
                 for line in message.lines:

@@ -123,6 +123,8 @@ class Moved(TakeEvent, frozen=True):
     """Something moves in front of this camera: the take is ordered."""
 
     camera: str
+    title: str
+    """What people call it."""
 
 
 class Waiting(TakeEvent, frozen=True):
@@ -297,9 +299,11 @@ class Taking:
                 from capture_app.rig.motion_watch import MotionWatch, watch_motion  # heavy: it decodes images
 
                 watch = MotionWatch(plan.on_motion)
-                async with aclosing(watch_motion(self._link.another(), watch)) as moving:
+                link = self._link.another()
+                async with aclosing(watch_motion(link, watch)) as moving:
                     seen = await anext(moving)
-                self._events.put_nowait(Moved(number, seen.camera))
+                title = seen.camera if link.rig is None else link.rig.titles.get(seen.camera, seen.camera)
+                self._events.put_nowait(Moved(number, seen.camera, title))
                 request = replace(self.plan.request(), at_leader_ns=seen.leader_ns)
             begun_s = now()
             self._order(number, request)

@@ -176,8 +176,8 @@ class MonitorFeed:
                 self._say_course("countdown", seconds=seconds)
             case Waiting(reason=reason):
                 self._say_course("waiting", words=reason, can_hurry=taking.is_waiting)
-            case Moved(camera=camera):
-                self._say_course("ordered", words=f"something moves in front of {camera}")
+            case Moved(title=title):
+                self._say_course("ordered", words=f"something moves in front of {title}")
             case Begun():
                 self._say_course("waiting" if taking.is_open else "idle")
             case Failed(error=error):
@@ -193,7 +193,12 @@ class MonitorFeed:
             old_s=old_from_s(rig),
             apart_s=APART_S,
             cameras=[
-                {"name": name, "state": cameras[name].state, "message": cameras[name].message}
+                {
+                    "name": name,
+                    "title": rig.titles[name],
+                    "state": cameras[name].state,
+                    "message": cameras[name].message,
+                }
                 for name in sorted(cameras, key=natural_order)
             ],
         )

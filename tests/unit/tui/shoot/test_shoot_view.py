@@ -113,10 +113,10 @@ async def test_what_a_take_waits_for_and_what_began_it_are_said(tmp_path: Path) 
     studio = Studio(ready_rig(1), tmp_path)
     async with studio.running(120, 40) as pilot:
         plan = TakePlan(repeat=2)
-        studio.view._show_event(Moved(2, camera="cam00"), plan, "")
+        studio.view._show_event(Moved(2, camera="cam00", title="Böhm"), plan, "")
         studio.view._show_event(Begun(2), plan, "")
         await studio.settle(pilot)
-        assert [one.message for one in studio.app._notifications] == ["something moves in front of cam00"]
+        assert [one.message for one in studio.app._notifications] == ["something moves in front of Böhm"]
         assert studio.view._line.plain == ("◉ take 2 of 2 is being taken",)
 
 

@@ -113,8 +113,8 @@ def node(
     from capture_app.node.camera.spool import free_spool
 
     # Names without a letter of ASCII differ by the machines' names, and those of one machine by a checksum.
-    host, check = name_like(socket.gethostname(), "node"), crc32(label_key(name).encode())
-    (folder,) = folder_names([name], "node", f"{host}-{check % 10_000:04}-")
+    own = f"{name_like(socket.gethostname(), 'node')}-{crc32(label_key(name).encode()) % 10_000:04}-"
+    (folder,) = folder_names([name], "node", own)
     named = name_cameras(folder, specs)
     if at_boot is not None:
         _arrange_boot(folder, name, at_boot, yes)

@@ -86,8 +86,8 @@ def _line_of(event: "TakeEvent", plan: "TakePlan") -> str:
     match event:
         case taking.Countdown(number, seconds) if seconds < plan.countdown_s + 1:
             return f"take {number} of {plan.repeat} in {seconds} s"
-        case taking.Moved(title=title):
-            return f"something moves in front of {title}"
+        case taking.Moved(camera=camera):
+            return f"something moves in front of {camera}"
         case taking.Waiting(reason=reason):
             return reason
         case taking.Progress(status=status):

@@ -134,6 +134,10 @@ class CameraFacts(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True,
     label: Label = ""
     """What its owner calls it, in any script; absent if that is its name."""
 
+    def called(self, name: str) -> str:
+        """Return what people call the camera, which has this name."""
+        return self.label or name
+
     @property
     def stamp_accuracy(self) -> StampAccuracy:
         """Timestamp bias as known or, failing that, assumed; exact for a simulated camera."""
@@ -306,9 +310,9 @@ def unmeasured_stamps(cameras: Mapping[str, CameraFacts]) -> str:
     worst = max(unsure, key=unsure.__getitem__)
     others = f" and of {count(len(unsure) - 1, 'more camera')}" if len(unsure) > 1 else ""
     reference = cameras[worst].stamp_accuracy.against
-    titles = {name: camera.label or name for name, camera in cameras.items()}
-    by_what = f" except against {titles.get(reference, reference)}" if unsure is against else ""
+    known = cameras.get(reference, cameras[worst]).called(reference)
+    by_what = f" except against {known}" if unsure is against else ""
     return (
-        f"stamp error of {titles[worst]}{others} not measured{by_what} (±{duration(unsure[worst])}):"
-        f" {REMEDY} measures it"
+        f"stamp error of {cameras[worst].called(worst)}{others} not measured{by_what}"
+        f" (±{duration(unsure[worst])}): {REMEDY} measures it"
     )

@@ -50,8 +50,8 @@ def leader_line(event: RigEvent, title_of: Callable[[str], str] = str) -> tuple[
     """
     match event:
         case events.NodeChanged(name, change, _, where):
-            line = _NODE_LINES[change].format(event, where or "this leader", title_of(name))
-            return line, change in ("lost", "refused")
+            words = event, where or "this leader", title_of(name)
+            return _NODE_LINES[change].format(*words), change in ("lost", "refused")
         case events.TriggerAnswered(name, burst, refusal):
             return f"burst {burst}: without {title_of(name)}: {refusal}" if refusal else "", True
         case HostOffRate():

@@ -45,11 +45,6 @@ class NodeStatus(Report, frozen=True, kw_only=True, array_like=False):
     """Spec of such a camera, without its password, with which the next leader can start it again."""
 
     @property
-    def title(self) -> str:
-        """What people call it: its label, or its name."""
-        return self.camera.label or self.name
-
-    @property
     def time_error_ns(self) -> int | None:
         """95 % uncertainty of its frames' times, from clock and timestamps; None while unknown."""
         clock_ns = self.uncertainty_ns if self.uncertainty_ns is not None else self.hard_bound_ns
@@ -164,11 +159,9 @@ class RigStatus(Struct, frozen=True, kw_only=True):
     @property
     def titles(self) -> dict[str, str]:
         """What people call each node, by its name; beside the name, if they call several so."""
-        times = Counter(node.title for node in self.nodes)
-        return {
-            node.name: node.title if times[node.title] == 1 else f"{node.title} ({node.name})"
-            for node in self.nodes
-        }
+        called = {node.name: node.camera.called(node.name) for node in self.nodes}
+        times = Counter(called.values())
+        return {name: title if times[title] == 1 else f"{title} ({name})" for name, title in called.items()}
 
     @property
     def cameras(self) -> tuple[NodeStatus, ...]:

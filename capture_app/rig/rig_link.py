@@ -102,11 +102,12 @@ def camera_named(rig: RigStatus, text: str) -> str:
 
     It is `text` if there is none. Raises BadInputError where that is not a name.
     """
-    called = {label_key(name): name for name in rig.titles}
-    called |= {label_key(title): name for name, title in rig.titles.items()}
-    named = called.get(label_key(text), text)
+    titles = rig.titles
+    # What people call one goes before another's name.
+    pairs = (*zip(titles, titles, strict=True), *zip(titles.values(), titles, strict=True))
+    named = {label_key(called): name for called, name in pairs}.get(label_key(text), text)
     if not is_name(named):
-        raise BadInputError(f"the rig has no camera {text}", hint=f"it has {', '.join(rig.titles.values())}")
+        raise BadInputError(f"the rig has no camera {text}", hint=f"it has {', '.join(titles.values())}")
     return named
 
 
@@ -173,7 +174,7 @@ class RigLink:
         self._channel: Channel[Any] | None = None
         self._request: orders.PreviewRequest | None = None
         self._log_ns = 0
-        self.rig: RigStatus | None = None
+        self._rig: RigStatus | None = None
         """The latest status received."""
 
     def another(self) -> "RigLink":
@@ -206,7 +207,7 @@ class RigLink:
                             yield update
             except SimulshotError as error:
                 if not failures:
-                    rig = None if isinstance(error, UnknownMachineError) else self.rig
+                    rig = None if isinstance(error, UnknownMachineError) else self._rig
                     yield LinkLost(str(error) if rig is None else f"{error.what}; {start_again(rig)}")
             finally:
                 self._channel = None
@@ -253,7 +254,7 @@ class RigLink:
     async def _read(self, channel: Channel[Any], message: messages.FromLeader) -> AsyncIterator[Update]:
         match message:
             case messages.StatusAnswer():
-                self.rig = message.rig
+                self._rig = message.rig
                 yield message.rig
             case orders.LogAnswer():
                 for line in message.lines:

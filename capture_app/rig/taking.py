@@ -123,8 +123,6 @@ class Moved(TakeEvent, frozen=True):
     """Something moves in front of this camera: the take is ordered."""
 
     camera: str
-    title: str
-    """What people call it."""
 
 
 class Waiting(TakeEvent, frozen=True):
@@ -299,11 +297,9 @@ class Taking:
                 from capture_app.rig.motion_watch import MotionWatch, watch_motion  # heavy: it decodes images
 
                 watch = MotionWatch(plan.on_motion)
-                link = self._link.another()
-                async with aclosing(watch_motion(link, watch)) as moving:
+                async with aclosing(watch_motion(self._link.another(), watch)) as moving:
                     seen = await anext(moving)
-                title = seen.camera if link.rig is None else link.rig.titles.get(seen.camera, seen.camera)
-                self._events.put_nowait(Moved(number, seen.camera, title))
+                self._events.put_nowait(Moved(number, seen.camera))
                 request = replace(self.plan.request(), at_leader_ns=seen.leader_ns)
             begun_s = now()
             self._order(number, request)

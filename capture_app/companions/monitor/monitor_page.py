@@ -176,8 +176,9 @@ class MonitorFeed:
                 self._say_course("countdown", seconds=seconds)
             case Waiting(reason=reason):
                 self._say_course("waiting", words=reason, can_hurry=taking.is_waiting)
-            case Moved(title=title):
-                self._say_course("ordered", words=f"something moves in front of {title}")
+            case Moved(camera=camera):
+                titles = {} if self._rig is None else self._rig.titles
+                self._say_course("ordered", words=f"something moves in front of {titles.get(camera, camera)}")
             case Begun():
                 self._say_course("waiting" if taking.is_open else "idle")
             case Failed(error=error):
@@ -185,7 +186,7 @@ class MonitorFeed:
 
     def _show_status(self, rig: RigStatus) -> None:
         self._rig = rig
-        cameras = {node.name: node for node in rig.cameras}
+        cameras, titles = {node.name: node for node in rig.cameras}, rig.titles
         self._say(
             "rig",
             leader=rig.leader,
@@ -195,7 +196,7 @@ class MonitorFeed:
             cameras=[
                 {
                     "name": name,
-                    "title": rig.titles[name],
+                    "title": titles[name],
                     "state": cameras[name].state,
                     "message": cameras[name].message,
                 }

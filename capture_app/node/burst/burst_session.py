@@ -226,7 +226,7 @@ class BurstSession:
             for name, (received, problem, label) in sorted(parts.items())
         )
         moved = f"its folder is {self._writer.moved_to} now" if self._writer.moved_to else ""
-        without = "; ".join(f"without {camera.words}" for camera in self._absent.values())
+        without = "; ".join(f"without {of.label or of.name}: {of.reason}" for of in self._absent.values())
         received, expected = sum(t.received for t in transfer), sum(t.expected for t in transfer)
         message = self.message or ("" if done else self.trouble or self._waiting_text())
         if self._lost is not None and not done:

@@ -46,7 +46,7 @@ class CameraDelivery:
     @property
     def title(self) -> str:
         """What people call its camera."""
-        return self.plan.camera.facts.label or self.name
+        return self.plan.camera.facts.called(self.name)
 
     @property
     def name(self) -> str:

@@ -244,16 +244,19 @@ class ActiveBursts:
         except SimulshotError:
             await asyncio.to_thread(writer.discard)
             raise
-        facts = {member.name: member.camera for member in self._engine.roster.by_name()}
         session = BurstSession.begin(
             burst,
-            facts,
+            {member.name: member.camera for member in self._engine.roster.by_name()},
             writer,
             self._disk,
             delays_ns=self._engine.planned_delays_ns(),
             short_timeouts=self._silent,
             absent={
-                name: AbsentCamera(name=name, reason=why, label=facts[name].label if name in facts else "")
+                name: AbsentCamera(
+                    name=name,
+                    reason=why,
+                    label=title if (title := self._engine.roster.title(name)) != name else "",
+                )
                 for name, why in (self._lost_cameras() | without).items()
             },
         )

@@ -78,8 +78,8 @@ class CameraSettings:
             }
             setting = own or (others.pop() if len(others) == 1 else None)
             if setting is not None and mine is None:
-                title = self._log.title_of(camera)
-                self._log.say(f"{title}: its {control} cannot be controlled, as the other cameras' can")
+                said = f"its {control} cannot be controlled, as the other cameras' can"
+                self._log.say(f"{self._log.title_of(camera)}: {said}")
             elif setting is not None and mine is not None and mine.unit == setting.unit:
                 values[control] = setting.value
         return values

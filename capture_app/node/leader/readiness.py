@@ -44,8 +44,8 @@ def shortfall(member: Member, *, why: bool = False) -> str:
     """Return why a node is not ready: its state, with its own message if `why`, or its degradation."""
     state, message = member.report.state, member.report.message
     if state is NodeState.DEGRADED:
-        return f"{member.title}: {message}"
-    return f"{member.title} is {state}" + (f": {message}" if why and message else "")
+        return f"{member.camera.called(member.name)}: {message}"
+    return f"{member.camera.called(member.name)} is {state}" + (f": {message}" if why and message else "")
 
 
 def degraded_nodes(members: Sequence[Member]) -> str:
@@ -201,9 +201,10 @@ def rig_advice(
     """Return one sentence of advice; `leader` is where nodes join, `off_rate` are hosts with odd clocks."""
     sentence = _of_states(members, _UNAVAILABLE, now_ns)
     if not sentence and off_rate:
-        titles = {member.name: member.title for member in members}
         worst = max(off_rate.values(), key=lambda off: abs(off.fast_ppm))
-        sentence = off_rate_line(worst, lambda name: titles.get(name, name)) + _and_more(len(off_rate))
+        sentence = off_rate_line(
+            worst, lambda name: next((m.camera.called(name) for m in members if m.name == name), name)
+        ) + _and_more(len(off_rate))
     if sentence := sentence or _of_states(members, _IN_PROGRESS, now_ns):
         return sentence
     cameras = present_cameras(members)

@@ -173,11 +173,6 @@ class AbsentCamera(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     label: Label = ""
     """As in a camera's facts."""
 
-    @property
-    def words(self) -> str:
-        """The camera and the reason."""
-        return f"{self.label or self.name}: {self.reason}"
-
 
 class BurstRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True):
     """Instants of the burst and the moment requested, in ns of the leader's clock."""
@@ -323,7 +318,7 @@ class Manifest(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     @property
     def labels(self) -> dict[str, str]:
         """What people call each camera, by its name."""
-        return {camera.name: camera.facts.label or camera.name for camera in self.cameras}
+        return {camera.name: camera.facts.called(camera.name) for camera in self.cameras}
 
     @property
     def expected_images(self) -> int:

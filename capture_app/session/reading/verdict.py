@@ -222,7 +222,7 @@ def _why_nothing(manifest: Manifest) -> str:
     reasons: dict[str, list[str]] = {}
     for gap in manifest.missing:
         reasons.setdefault(gap.reason, []).append(manifest.labels[gap.camera])
-    absent = [absence.words for absence in manifest.burst.absent]
+    absent = [f"{of.label or of.name}: {of.reason}" for of in manifest.burst.absent]
     reasons_given = [f"{', '.join(dict.fromkeys(cameras))}: {reason}" for reason, cameras in reasons.items()]
     return "; ".join([*reasons_given, *absent])
 

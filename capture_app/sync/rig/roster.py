@@ -67,11 +67,6 @@ class Member:
     """Pin of its own machine, even if a relay seals for it."""
 
     @property
-    def title(self) -> str:
-        """What people call it: its label, or its name."""
-        return self.camera.label or self.name
-
-    @property
     def has_taken(self) -> bool:
         """Whether its camera has taken a frame, now or before it joined again."""
         return self.took_before or self.report.frames > 0
@@ -160,7 +155,7 @@ class Roster:
 
     def title(self, name: str) -> str:
         """Return what people call the member of that name; the name if there is none."""
-        return name if name not in self.members else self.members[name].title
+        return self.members[name].camera.called(name) if name in self.members else name
 
     def member_by_number(self, number: int) -> Member | None:
         """Return the present member with that number, or None."""
@@ -175,7 +170,7 @@ class Roster:
 
     def refusal(self, hello: Hello) -> str:
         """Return the reason why a client cannot join; empty if it can."""
-        known, title = self.members.get(hello.name), hello.camera.label or hello.name
+        known, title = self.members.get(hello.name), hello.camera.called(hello.name)
         if self.is_of_another_machine(hello):
             return (
                 f"two machines are called {hello.name}: give this one another --name; or, when the other is"

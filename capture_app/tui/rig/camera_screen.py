@@ -118,8 +118,10 @@ class CameraScreen(Dialog[None]):
                 for name, state in found.items()
                 for why in dict.fromkeys(state.problems.values())
             ]
-            like = self._record.title(self._camera)
-            words = f"{count(len(found), 'camera')} set like {like}{', except:' if problems else ''}"
+            words = (
+                f"{count(len(found), 'camera')} set like {self._record.title(self._camera)}"
+                f"{', except:' if problems else ''}"
+            )
             self.notify(
                 printable("".join([words, *problems])),
                 severity="warning" if problems else "information",
@@ -182,7 +184,10 @@ class CameraScreen(Dialog[None]):
             self._facts.show([words, Content(""), Content("")])
             return
         sign = SIGNS[node.state]
-        first = [(f"{printable(node.title)}  ", "bold $primary"), (str(sign), f"bold {sign.style}")]
+        first = [
+            (f"{printable(node.camera.called(node.name))}  ", "bold $primary"),
+            (str(sign), f"bold {sign.style}"),
+        ]
         if node.message:
             first.append((f"  {printable(node.message)}", sign.style))
         bound = "" if node.hard_bound_ns is None else f", at most ±{duration(node.hard_bound_ns)}"

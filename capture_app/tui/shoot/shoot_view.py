@@ -354,8 +354,8 @@ class ShootView(ModeView):
             case Countdown(seconds=seconds):
                 self._course = f"◉ {of} in {seconds} s"
                 self.stage.count_down(seconds, f"{of} in {seconds} s")
-            case Moved(title=title):
-                self.notify(f"something moves in front of {printable(title)}", markup=False)
+            case Moved(camera=camera):
+                self.notify(f"something moves in front of {self._record.title(camera)}", markup=False)
             case Waiting(reason=reason):
                 keys = "◔ Space takes now, esc cancels; " if self._taking.is_waiting else f"◉ {of}: "
                 self._end_course(keys + reason)

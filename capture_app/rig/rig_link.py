@@ -102,10 +102,10 @@ def camera_named(rig: RigStatus, text: str) -> str:
 
     It is `text` if there is none. Raises BadInputError where that is not a name.
     """
-    titles = rig.titles
+    titles, key = rig.titles, label_key(text)
     # What people call one goes before another's name.
-    pairs = (*zip(titles, titles, strict=True), *zip(titles.values(), titles, strict=True))
-    named = {label_key(called): name for called, name in pairs}.get(label_key(text), text)
+    both = (*titles.items(), *zip(titles, titles, strict=True))
+    named = next((name for name, called in both if label_key(called) == key), text)
     if not is_name(named):
         raise BadInputError(f"the rig has no camera {text}", hint=f"it has {', '.join(titles.values())}")
     return named

@@ -177,8 +177,8 @@ class MonitorFeed:
             case Waiting(reason=reason):
                 self._say_course("waiting", words=reason, can_hurry=taking.is_waiting)
             case Moved(camera=camera):
-                titles = {} if self._rig is None else self._rig.titles
-                self._say_course("ordered", words=f"something moves in front of {titles.get(camera, camera)}")
+                title = self._rig.titles.get(camera, camera) if self._rig else camera
+                self._say_course("ordered", words=f"something moves in front of {title}")
             case Begun():
                 self._say_course("waiting" if taking.is_open else "idle")
             case Failed(error=error):

@@ -173,8 +173,8 @@ def transfer_line(transfer: CameraTransfer, columns: int) -> Content:
     """
     done = transfer.received >= transfer.expected
     sign = " ✔" if done else " ✖" if transfer.problem else ""
-    name = Content(printable(transfer.label or transfer.camera)).truncate(12)
-    name = name.pad_right(max(0, 8 - name.cell_length) + 1)
+    short = Content(printable(transfer.label or transfer.camera)).truncate(12)
+    name = short.pad_right(max(0, 8 - short.cell_length) + 1)
     numbers = f" {transfer.received}/{transfer.expected}{sign}"
     bar = max(1, min(BAR, columns - name.cell_length - len(numbers)))
     filled = bar if done else bar * transfer.received // max(1, transfer.expected)

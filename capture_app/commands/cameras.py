@@ -52,7 +52,7 @@ def controls(save: Path | None, leader: Address, as_json: bool) -> None:
             for camera, state in states.items()
         }
         write_atomic(save, pretty_json(profile))
-    _answer(as_json, states)
+    _answer(as_json, states, leader)
 
 
 @click.command(
@@ -87,13 +87,12 @@ def set_command(
     if profile is None:
         states = asyncio.run(set_cameras(leader, dict(_parse_setting(value) for value in values), cameras))
     else:
-        chosen = {
-            name: value for name, value in _read_profile(profile).items() if not cameras or name in cameras
-        }
+        names = [_name_of(leader, text) for text in cameras]
+        chosen = {name: value for name, value in _read_profile(profile).items() if not names or name in names}
         states = {
             name: asyncio.run(set_cameras(leader, value, [name]))[name] for name, value in chosen.items()
         }
-    _answer(as_json, states)
+    _answer(as_json, states, leader)
 
 
 @click.command(
@@ -109,7 +108,7 @@ def match(camera: str, leader: Address, as_json: bool) -> None:
     """
     from capture_app.rig.rig_link import match_cameras
 
-    _answer(as_json, asyncio.run(match_cameras(leader, camera)))
+    _answer(as_json, asyncio.run(match_cameras(leader, camera)), leader)
 
 
 def _read_profile(file: Path) -> Profile:
@@ -136,25 +135,36 @@ def _parse_setting(text: str) -> tuple[Control, ControlValue]:
     return Control(name), number
 
 
-def _answer(as_json: bool, found: "CamerasControls") -> None:
+def _answer(as_json: bool, found: "CamerasControls", leader: Address) -> None:
+    from capture_app.rig.rig_link import ask_status
+
+    titles = asyncio.run(ask_status(leader)).titles if found else {}
     answer(
         as_json,
         {"cameras": [{"camera": camera, "state": state} for camera, state in found.items()]},
-        _lines(found),
+        _lines({titles.get(name, name): state for name, state in found.items()}),
     )
 
 
 def _lines(found: "CamerasControls") -> Iterator[str]:
+    """Describe controls by what people call the cameras."""
     if found:
         rows = (
-            (name, *(describe(value.state(control)) for control in Control)) for name, value in found.items()
+            (title, *(describe(value.state(control)) for control in Control))
+            for title, value in found.items()
         )
         yield table(("camera", *NAMES), rows)
     else:
         talk("no camera has joined")
-    for name, state in found.items():
+    for title, state in found.items():
         for problem in dict.fromkeys(state.problems.values()):
-            talk(f"{name}: {problem}")
+            talk(f"{title}: {problem}")
+
+
+def _name_of(leader: Address, text: str) -> str:
+    from capture_app.rig.rig_link import ask_status, camera_named
+
+    return camera_named(asyncio.run(ask_status(leader)), text)
 
 
 class CamerasGroup(click.Group):
@@ -264,8 +274,8 @@ def remove(name: str, leader: Address, as_json: bool) -> None:
     from capture_app.protocol.orders import RemoveCamera
     from capture_app.rig.rig_link import give_order
 
-    asyncio.run(give_order(leader, RemoveCamera(name=name)))
-    answer(as_json, {"removed": name}, said=f"removed {name}")
+    asyncio.run(give_order(leader, RemoveCamera(name=(own := _name_of(leader, name)))))
+    answer(as_json, {"removed": own}, said=f"removed {name}")
 
 
 @cameras.command(epilog=examples("capture-app cameras show cam0"))
@@ -281,7 +291,7 @@ def show(name: str, leader: Address, as_json: bool) -> None:
     from capture_app.protocol.status import NodeDetail
     from capture_app.rig.rig_link import ask_leader
 
-    detail = asyncio.run(ask_leader(leader, DetailRequest(camera=name), NodeDetail))
+    detail = asyncio.run(ask_leader(leader, DetailRequest(camera=_name_of(leader, name)), NodeDetail))
     answer(as_json, detail, [table((name, ""), _facts(detail)), *(line.text for line in detail.log[-20:])])
 
 

@@ -3,6 +3,7 @@
 import functools
 import socket
 from pathlib import Path
+from zlib import crc32
 
 import click
 from click.core import ParameterSource
@@ -20,7 +21,7 @@ from capture_app.commands.shared_options import (
 from capture_app.common import system
 from capture_app.common.address import Address
 from capture_app.common.clock import parse_clock
-from capture_app.common.names import check_label, folder_names, name_like
+from capture_app.common.names import check_label, folder_names, label_key, name_like
 from capture_app.console.option_rules import Rule, RuledCommand
 from capture_app.console.terminal import FiniteRange, log_line, print_line, talk
 from capture_app.console.usage import examples
@@ -111,8 +112,9 @@ def node(
     from capture_app.node.camera.node_group import camera_node, name_cameras, run_nodes
     from capture_app.node.camera.spool import free_spool
 
-    # Two machines' names without a letter of ASCII differ by the machines'.
-    (folder,) = folder_names([name], "node", name_like(socket.gethostname(), "node"))
+    # Names without a letter of ASCII differ by the machines' names, and those of one machine by a checksum.
+    own = f"{name_like(socket.gethostname(), 'node')}-{crc32(label_key(name).encode()) % 10_000:04}-"
+    (folder,) = folder_names([name], "node", own)
     named = name_cameras(folder, specs)
     if at_boot is not None:
         _arrange_boot(folder, name, at_boot, yes)
@@ -122,21 +124,22 @@ def node(
     from capture_app.protocol.log import Log
 
     ring = {} if ring_mb is None else {"ring_bytes": round(ring_mb * 1e6)}
+    titles = {camera: camera.replace(folder, name, 1) for camera in named}
     nodes = {
-        label: camera_node(
-            label,
+        camera: camera_node(
+            camera,
             spec,
-            label=label.replace(folder, name, 1),
+            label=titles[camera] if name != folder else "",
             leaders=leaders,
             clock=clock,
             tolerance_ns=None if tolerance_us is None else round(tolerance_us * 1000),
             clock_tolerance_ns=None if clock_tolerance_us is None else round(clock_tolerance_us * 1000),
-            spool=free_spool(spool, label) if until_eof else spool,
-            log=Log(functools.partial(_log_line_of, label), name=label),
+            spool=free_spool(spool, camera) if until_eof else spool,
+            log=Log(functools.partial(_log_line_of, titles[camera]), name=camera),
             moves_in_recordings=hold_phase,
             **ring,
         )
-        for label, spec in named.items()
+        for camera, spec in named.items()
     }
     system.raise_thread_priority()
     run_until_stopped(run_nodes(nodes, Log(log_line)), until_eof=until_eof)

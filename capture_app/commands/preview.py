@@ -62,14 +62,14 @@ async def _next_preview(
 ) -> tuple[dict[str, Any], bytes]:
     """Return the facts and the JPEG of a camera's next preview, or of its depth."""
     from capture_app.protocol.status import Preview
-    from capture_app.rig.rig_link import LinkLost, RigLink, ask_status
+    from capture_app.rig.rig_link import LinkLost, RigLink, ask_status, camera_named
 
     status = await ask_status(leader)
-    known = [node.name for node in status.nodes]
+    typed, camera, known = camera, camera_named(status, camera), status.titles
     if camera not in known:
         raise IncompleteError(
-            f"{leader} has no camera named {camera}",
-            hint=f"cameras: {', '.join(known)}" if known else "no camera has joined it",
+            f"{leader} has no camera named {typed}",
+            hint=f"cameras: {', '.join(known.values())}" if known else "no camera has joined it",
         )
     link = RigLink(leader)
     with suppress(TimeoutError):
@@ -91,5 +91,5 @@ async def _next_preview(
                 if isinstance(update, LinkLost):
                     raise NetworkError(update.reason, hint="look for the leader: capture-app rig list")
     raise IncompleteError(
-        f"{camera} sent no picture within {wait_s:g} s", hint="see its state: capture-app status"
+        f"{typed} sent no picture within {wait_s:g} s", hint="see its state: capture-app status"
     )

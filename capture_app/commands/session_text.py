@@ -63,7 +63,7 @@ def session_lines(session: Session) -> Iterator[str]:
         manifest=manifest,
         created=format_date(manifest.created),
         span_ns=instants_ns[-1] - instants_ns[0] if instants_ns else 0,
-        skipped=skipped_text(manifest.burst.skipped),
+        skipped=skipped_text(manifest.burst.skipped, manifest.labels),
         verdict=judge(manifest, arriving=session.is_arriving),
         is_calibrated=session.calibration() is not None,
         sync=sync,

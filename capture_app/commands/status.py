@@ -105,7 +105,7 @@ def _lines(rig: "RigStatus") -> Iterator[str]:
 
 def _node_row(node: "NodeStatus") -> dict[str, str]:
     return {
-        "node": "  " * (node.depth - 1) + node.name,
+        "node": "  " * (node.depth - 1) + node.camera.called(node.name),
         "state": node.state.with_error(node.time_error_ns),
         "clock bound µs": _microseconds(node.hard_bound_ns),
         _STAMPS: _microseconds(_stamp_error_ns(node)),

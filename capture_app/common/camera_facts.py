@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 from msgspec import Meta, Struct, field
 
 from capture_app.common.bounds import Count, Pixels, Positive, Real, RowTimeNs, Sentence, Text
+from capture_app.common.names import Label
 from capture_app.common.text import count, duration
 
 SIMULATED, PHONE = "sim", "phone"
@@ -130,6 +131,12 @@ class CameraFacts(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True,
     """Shortest and longest duration of one frame, if the duration of each frame can be set."""
     stamp: StampAccuracy | None = None
     """Timestamp bias, if reported or measured; None otherwise, see `stamp_accuracy`."""
+    label: Label = ""
+    """What its owner calls it, in any script; absent if that is its name."""
+
+    def called(self, name: str) -> str:
+        """Return what people call the camera, which has this name."""
+        return self.label or name
 
     @property
     def stamp_accuracy(self) -> StampAccuracy:
@@ -302,8 +309,10 @@ def unmeasured_stamps(cameras: Mapping[str, CameraFacts]) -> str:
         return ""
     worst = max(unsure, key=unsure.__getitem__)
     others = f" and of {count(len(unsure) - 1, 'more camera')}" if len(unsure) > 1 else ""
-    by_what = f" except against {cameras[worst].stamp_accuracy.against}" if unsure is against else ""
+    reference = cameras[worst].stamp_accuracy.against
+    known = cameras.get(reference, cameras[worst]).called(reference)
+    by_what = f" except against {known}" if unsure is against else ""
     return (
-        f"stamp error of {worst}{others} not measured{by_what} (±{duration(unsure[worst])}):"
-        f" {REMEDY} measures it"
+        f"stamp error of {cameras[worst].called(worst)}{others} not measured{by_what}"
+        f" (±{duration(unsure[worst])}): {REMEDY} measures it"
     )

@@ -117,7 +117,7 @@ def _result(folder: Path, before: str, tried: bool) -> RepairResult:
         changed=bool(before),
         images=len(manifest.images),
         missing=len(manifest.missing),
-        what="; ".join(sorted({f"{gap.camera}: {gap.reason}" for gap in manifest.missing})),
+        what="; ".join(sorted({f"{manifest.labels[gap.camera]}: {gap.reason}" for gap in manifest.missing})),
         awaited=_holders(folder, manifest.missing),
     )
 

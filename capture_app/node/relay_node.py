@@ -67,6 +67,7 @@ class RelayNode(PortEndpoint):
         super().__init__(options, engine, sealed, bound, self._drain)
         self._joining = self.join(engine.member, sealed.leader_keys, options.parents, is_relay=True)
         self.options, self._engine = options, engine
+        self.log.title_of = engine.leader.roster.title
         # The relay cannot know which of its networks its nodes are on.
         hosts = own_hosts(bound[1].family) if options.host in ANY_HOST else []
         self.also = tuple(Address(other, self.address.port) for other in hosts if other != self.address.host)

@@ -1,6 +1,7 @@
 """Events as lines for people, and as records: at a leader, at a relay, and at a camera's node."""
 
 import re
+from collections.abc import Callable
 from typing import Any
 
 import msgspec
@@ -16,11 +17,11 @@ from capture_app.sync.timekeeping.rates import HostOffRate
 from capture_app.trust.sealing import DatagramsRefused
 
 _NODE_LINES = {
-    "joined": "{0.name} joined",
-    "returned": "{0.name} is back",
-    "lost": "lost {0.name}: {0.reason}",
-    "forgotten": "forgot {0.name}, which was lost",
-    "moved": "{0.name} is now connected to {1}",
+    "joined": "{2} joined",
+    "returned": "{2} is back",
+    "lost": "lost {2}: {0.reason}",
+    "forgotten": "forgot {2}, which was lost",
+    "moved": "{2} is now connected to {1}",
     "refused": "refused {0.name} {0.where}: {0.reason}",
 }
 _LEADER_LINES = {"refused": "join-refused", "said": "leader-said", "lost": "leader-lost"}
@@ -42,31 +43,33 @@ RigEvent = events.LeaderEvent | HostOffRate | DatagramsRefused | BurstStatus
 """Events that a leader logs: nodes that come and go, clock problems, damaged seals, and bursts."""
 
 
-def leader_line(event: RigEvent) -> tuple[str, bool]:
+def leader_line(event: RigEvent, title_of: Callable[[str], str] = str) -> tuple[str, bool]:
     """Return a line for people about an event at a leader, and whether it needs attention.
 
-    The line is empty if the event is not worth one.
+    The line is empty if the event is not worth one. `title_of` returns what people call a node.
     """
     match event:
-        case events.NodeChanged(change=change, where=where):
-            return _NODE_LINES[change].format(event, where or "this leader"), change in ("lost", "refused")
+        case events.NodeChanged(name, change, _, where):
+            words = event, where or "this leader", title_of(name)
+            return _NODE_LINES[change].format(*words), change in ("lost", "refused")
         case events.TriggerAnswered(name, burst, refusal):
-            return f"burst {burst}: without {name}: {refusal}" if refusal else "", True
+            return f"burst {burst}: without {title_of(name)}: {refusal}" if refusal else "", True
         case HostOffRate():
-            return off_rate_line(event), bool(event.fast_ppm)
+            return off_rate_line(event, title_of), bool(event.fast_ppm)
         case DatagramsRefused():
             return str(event), True
         case BurstStatus():
             return burst_line(event), event.session is None or event.received != event.expected
 
 
-def off_rate_line(off: HostOffRate) -> str:
+def off_rate_line(off: HostOffRate, title_of: Callable[[str], str] = str) -> str:
     """Return a line on a clock at an unusual rate and possible causes, or on its return to the baseline."""
+    whose = title_of(off.name) if off.name else "the leader"
     if not off.fast_ppm:
-        return f"the clock of {off.name or 'the leader'} runs at its normal rate again"
+        return f"the clock of {whose} runs at its normal rate again"
     against = "the leader's" if off.ambiguous else "all others"
     return (
-        f"the clock of {off.name or 'the leader'} runs {status_text.fast_or_slow(off.fast_ppm)} against"
+        f"the clock of {whose} runs {status_text.fast_or_slow(off.fast_ppm)} against"
         f" {against}: its NTP daemon is slewing it, or it is a virtual machine"
         + (" (or the leader's clock is)" if off.ambiguous else "")
     )

@@ -31,6 +31,8 @@ class Log:
         `name` is the node that the lines are about; None for a leader's log, which covers all its nodes.
         """
         self.show, self._record, self.name = show, record, name
+        self.title_of: Callable[[str], str] = str
+        """What people call a node of that name."""
         self._lines: deque[LogLine] = deque(maxlen=MAX_LOG_LINES)
         self._window_s = -RATE_WINDOW_S
         self._lines_of: Counter[str] = Counter()
@@ -53,7 +55,9 @@ class Log:
                 return ""
             self._lines_of[camera] += 1
             if self._lines_of[camera] == MAX_LINES_A_NODE:
-                return f"{camera}: its further lines are left out for up to {RATE_WINDOW_S:.0f} s"
+                return (
+                    f"{self.title_of(camera)}: its further lines are left out for up to {RATE_WINDOW_S:.0f} s"
+                )
         return cut(text, MAX_LETTERS)
 
     def add(self, text: str, *, camera: str | None = None, level: Level = "info") -> None:
@@ -73,14 +77,14 @@ class Log:
     def say_of_disk(self, name: str | None, problem: str) -> None:
         """Log that a disk became unusable or usable again: the named node's, or the leader's."""
         self.say(
-            f"{name or 'leader'}: {problem or 'its disk is usable again'}",
+            f"{self.title_of(name) if name else 'leader'}: {problem or 'its disk is usable again'}",
             camera=name,
             level="warning" if problem else "info",
         )
 
     def note(self, event: RigEvent) -> None:
         """Show an event and add it to the log, except a burst's progress, which is in every status."""
-        text, is_warning = leader_line(event)
+        text, is_warning = leader_line(event, self.title_of)
         camera = None if isinstance(event, BurstStatus) else event.name
         if text:
             if not (text := self._admitted(text, camera)):

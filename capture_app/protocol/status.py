@@ -1,5 +1,6 @@
 """Snapshots of a rig for operators: status, log lines, previews, and details of one node."""
 
+from collections import Counter
 from typing import Annotated, Literal
 
 from msgspec import Meta, Struct
@@ -88,6 +89,8 @@ class CameraTransfer(Struct, frozen=True, kw_only=True):
     received: int
     expected: int
     problem: str = ""
+    label: str = ""
+    """As in the camera's facts."""
 
 
 class BurstStatus(Struct, frozen=True, kw_only=True):
@@ -152,6 +155,13 @@ class RigStatus(Struct, frozen=True, kw_only=True):
         """The planned order in words: "stagger: even, steps of 8.33 ms"; empty if all are at one instant."""
         kind = f"{EVEN}, " if self.stagger == EVEN else ""
         return f"stagger: {kind}{self.steps}" if self.stagger else ""
+
+    @property
+    def titles(self) -> dict[str, str]:
+        """What people call each node, by its name; beside the name, if they call several so."""
+        called = {node.name: node.camera.called(node.name) for node in self.nodes}
+        times = Counter(called.values())
+        return {name: title if times[title] == 1 else f"{title} ({name})" for name, title in called.items()}
 
     @property
     def cameras(self) -> tuple[NodeStatus, ...]:

@@ -23,7 +23,10 @@ async def watch_coverage(
     A line says that the link is lost, another that it is back; the count goes on by itself. Raises
     IncompleteError if the rig has no camera.
     """
-    sizes = {node.name: (node.camera.width, node.camera.height) for node in rig.nodes if node.camera.width}
+    titles = rig.titles
+    sizes = {
+        titles[node.name]: (node.camera.width, node.camera.height) for node in rig.nodes if node.camera.width
+    }
     if not sizes:
         raise IncompleteError(
             f"no camera has joined {rig.leader}",
@@ -39,9 +42,9 @@ async def watch_coverage(
             yield f"{update.reason}; reconnecting, and the count so far is kept"
         elif was_lost:
             yield "the rig is connected again: the count continues"
-        if isinstance(update, Preview) and update.camera in sizes:
+        if isinstance(update, Preview) and (title := titles.get(update.camera)) in sizes:
             preview = await asyncio.to_thread(decode_preview, update.jpeg)
-            now = await asyncio.to_thread(count.add, update.camera, update.leader_ns, preview)
+            now = await asyncio.to_thread(count.add, title, update.leader_ns, preview)
             if now != shown:
                 shown = now
                 yield shown

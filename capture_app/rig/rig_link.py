@@ -21,6 +21,7 @@ from capture_app.common.errors import (
     SimulshotError,
     UnknownMachineError,
 )
+from capture_app.common.names import is_name, label_key
 from capture_app.common.node_state import NodeState
 from capture_app.common.text import command_line
 from capture_app.common.timeouts import ANSWER_TIMEOUT_S, ORDER_TIMEOUT_S, STATUS_TIMEOUT_S
@@ -66,7 +67,8 @@ async def set_cameras(
 
     Raises BadInputError for a camera that is not here, NetworkError.
     """
-    here = present_cameras(await ask_status(leader))
+    rig = await ask_status(leader)
+    here, cameras = present_cameras(rig), [camera_named(rig, text) for text in cameras]
     if unknown := sorted({*cameras} - {*here}):
         raise BadInputError(
             f"the rig has no camera {', '.join(unknown)}", hint="list them with: capture-app status"
@@ -85,6 +87,7 @@ async def match_cameras(
     gain steps differ between models. Raises BadInputError if the rig has no such camera, and NetworkError.
     """
     rig = await ask_status(leader)
+    source = camera_named(rig, source)
     first = (await set_cameras(leader, dict.fromkeys(controls, "hold"), [source]))[source]
     others = [name for name in present_cameras(rig) if name != source]
     rest = await asyncio.gather(*(_set_like(leader, name, first, controls) for name in others))
@@ -92,6 +95,20 @@ async def match_cameras(
         source: first,
         **dict(zip(others, rest, strict=True)),
     }
+
+
+def camera_named(rig: RigStatus, text: str) -> str:
+    """Return the name of the node that a person means, by what people call it or its name.
+
+    It is `text` if there is none. Raises BadInputError where that is not a name.
+    """
+    titles, key = rig.titles, label_key(text)
+    # What people call one goes before another's name.
+    both = (*titles.items(), *zip(titles, titles, strict=True))
+    named = next((name for name, called in both if label_key(called) == key), text)
+    if not is_name(named):
+        raise BadInputError(f"the rig has no camera {text}", hint=f"it has {', '.join(titles.values())}")
+    return named
 
 
 def present_cameras(rig: RigStatus) -> list[str]:

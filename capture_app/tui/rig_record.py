@@ -16,6 +16,7 @@ from textual.widget import Widget
 from capture_app.common import system
 from capture_app.common.errors import SimulshotError
 from capture_app.common.node_state import NodeState
+from capture_app.common.text import printable
 from capture_app.protocol.status import LogLine, RigStatus
 from capture_app.rig.instant_previews import LeaderMoments
 from capture_app.rig.rig_link import LinkLost, Update
@@ -53,6 +54,10 @@ class RigRecord:
                     # The leader's last advice and messages are obsolete; only its loss is reported.
                     gone = (replace(node, state=NodeState.LOST, message="") for node in self.status.nodes)
                     self.status = replace(self.status, nodes=tuple(gone), advice="", message="")
+
+    def title(self, camera: str) -> str:
+        """Return what people call a camera, printable."""
+        return printable(camera if self.status is None else self.status.titles.get(camera, camera))
 
     def moment_s(self, leader_ns: int | None) -> float:
         """Return a leader time by `clock`, in seconds, too late by a message's time; now if it is unknown."""

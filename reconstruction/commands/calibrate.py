@@ -162,6 +162,7 @@ def calibrate(
     counts the views.
     """
     from reconstruction.common.templates import render_lines
+    from reconstruction.method.spoken import spoken
     from reconstruction.scene.calibration.board_calibration import LensModel
     from reconstruction.scene.calibration_run import CalibrateOptions, CalibrationSource, cover
     from reconstruction.scene.calibration_run import calibrate as run
@@ -184,7 +185,11 @@ def calibrate(
         answer(as_json, found, _coverage_lines(found))
     else:
         result = run(session, options)
-        answer(as_json, result, render_lines("calibrated.txt", "reconstruction.commands", result=result))
+        answer(
+            as_json,
+            result,
+            render_lines("calibrated.txt", "reconstruction.commands", result=spoken(result, result.labels)),
+        )
 
 
 def _coverage_lines(found: "BoardCoverage") -> Iterator[str]:

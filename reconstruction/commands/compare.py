@@ -113,6 +113,13 @@ def tolerance(session: Path, out: Path | None, as_json: bool, **options: Any) ->
     """Measure the delay of one camera at which the motion in SESSION spoils the depth."""
     from reconstruction.common.templates import render_lines
     from reconstruction.compare.tolerance_study import measure_tolerance
+    from reconstruction.method.spoken import spoken
 
     result = measure_tolerance(session, out, **options)
-    answer(as_json, result, render_lines("tolerance.txt", "reconstruction.commands", result=result, out=out))
+    answer(
+        as_json,
+        result,
+        render_lines(
+            "tolerance.txt", "reconstruction.commands", result=spoken(result, result.labels), out=out
+        ),
+    )

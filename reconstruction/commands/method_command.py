@@ -16,6 +16,7 @@ from reconstruction.commands.command_options import (
     time_shift_option,
 )
 from reconstruction.method.interface import Method
+from reconstruction.method.spoken import spoken
 from reconstruction.scene.conditions import SYNCED, Condition
 
 
@@ -42,9 +43,10 @@ def method_command(method: type[Method]) -> click.Command:
         except ValueError as error:
             raise click.UsageError(str(error)) from error
         result = run.make(sources if isinstance(sources, tuple) else (sources,), out, condition)
-        for note in run.notes(result):
+        said = spoken(result, result.labels)
+        for note in run.notes(said):
             talk(note)
-        answer(as_json, result, run.lines(result, out))
+        answer(as_json, result, run.lines(said, out))
 
     metavar, count = sources
     argument = click.Argument(

@@ -45,7 +45,12 @@ def time_command(
     also gives the time between their rows.
     """
     from reconstruction.common.templates import render_lines
+    from reconstruction.method.spoken import spoken
     from reconstruction.time_offsets.session_offsets import measure_times
 
     result = measure_times(session, reference, apply=apply, repair_drops=repair_drops)
-    answer(as_json, result, render_lines("times.txt", "reconstruction.commands", result=result))
+    answer(
+        as_json,
+        result,
+        render_lines("times.txt", "reconstruction.commands", result=spoken(result, result.labels)),
+    )

@@ -138,9 +138,8 @@ class Comparison:
             opened.given  # noqa: B018  (refuses one that does not fit the images)
         dataset = scene.dataset
         offset = nearest_frame_offset(dataset.instants_ns, dataset.period_ns, options.offset_ms)
-        for condition in options.conditions:
-            condition.check(dataset)
-        self.output, self.options = output, options
+        conditions = tuple(condition.named(dataset) for condition in options.conditions)
+        self.output, self.options = output, replace(options, conditions=conditions)
         self.context = Context(
             scene=scene,
             step=offset.step,
@@ -158,6 +157,7 @@ class Comparison:
             study.check()
         self.known: dict[str, Any] = {
             "session": str(session),
+            "labels": dataset.other_labels,
             "origin": dataset.session.manifest.origin,
             "camera_count": len(dataset.cameras),
             "instant_count": len(dataset.instants_ns),
@@ -324,7 +324,8 @@ def _told_of_the_odd_one(offsets: PairOffsets, timing: Timing, reference: str) -
 
 def _measure_pair_timing(context: Context, offsets: PairOffsets, study: Score) -> dict[str, Any]:
     """Measure the time offset of a study's pair, and the delay that its depth tolerates."""
-    context.progress.step(f"time offset of {study.cameras[1]} against {study.cameras[0]}")
+    first, second = (context.scene.dataset.labels[name] for name in study.cameras)
+    context.progress.step(f"time offset of {second} against {first}")
     timing = measure_pair_timing(offsets, study.pair)
     if not study.measures_delay or context.scene.lenses.doubt():
         return {"timing": timing}

@@ -18,6 +18,7 @@ from capture_app.console.terminal import Progress
 from reconstruction.common.outputs import REPORT, comparison_folder, write_metrics
 from reconstruction.method.comparison_results import InstantTolerance, OffsetTolerance
 from reconstruction.method.score import Context, Score, study_reports
+from reconstruction.method.spoken import spoken
 from reconstruction.method.study_result import Interval, StudyResult
 from reconstruction.method.tally import MIN_COUNT, MIN_FOR_INTERVAL
 from reconstruction.method.timing import (
@@ -155,7 +156,7 @@ def measure_tolerance(
     scene.given  # noqa: B018  (refuses one that does not fit the images)
     steps = whole_frame_offsets(scene.dataset, max_offset_ms)
     with nullcontext() if out is None else comparison_folder(out) as output:
-        scene.check_pair(pair)
+        pair = scene.named_pair(pair)
         progress = Progress(4 + (max_instants + 1) * len(steps))
         progress.step("calibration")
         scene.calibration  # noqa: B018  (may take long, and may fail)
@@ -183,8 +184,9 @@ def measure_tolerance(
         progress.last("curve")
         result = structs.replace(
             curve,
-            verdict=tolerance_sentence(curve),
+            verdict=tolerance_sentence(spoken(curve, scene.dataset.other_labels)),
             session=str(session),
+            labels=scene.dataset.other_labels,
             reason=study.reason,
             report="" if out is None else REPORT,
         )

@@ -172,19 +172,19 @@ class Method(Check, frozen=True, kw_only=True, dict=True):
 
     def compute(self, sources: "Sequence[Path | Scene]", condition: Condition, output: "OutputFolder") -> Any:
         """Open the session and run on it; a method that takes images overrides this."""
-        return self.save(self.open_scene(sources[0], condition), condition, output)
+        scene = self.open_scene(sources[0])
+        result = self.save(scene, condition.named(scene.dataset), output)
+        return msgspec.structs.replace(result, labels=scene.dataset.other_labels)
 
-    def open_scene(self, session: "Path | Scene", condition: Condition) -> "Scene":
-        """Open the session that it runs on, unless it is open, and check the condition.
+    def open_scene(self, session: "Path | Scene") -> "Scene":
+        """Open the session that it runs on, unless it is open.
 
         Raises:
-            SimulshotError: the session, its calibration or the condition cannot be used.
+            SimulshotError: the session or its calibration cannot be used.
         """
         from reconstruction.scene.scene import Scene
 
-        scene = session if isinstance(session, Scene) else Scene.open(session, self.time_shifts_ms)
-        condition.check(scene.dataset)
-        return scene
+        return session if isinstance(session, Scene) else Scene.open(session, self.time_shifts_ms)
 
 
 def _typed(names: str, value: Any) -> list[str]:

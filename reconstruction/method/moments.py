@@ -67,7 +67,7 @@ def read_mask(scene: Scene, masks: str, camera: str, instant: int) -> Array:
     """
     view, folder = scene.views[camera], Path(masks)
     labels = pair_labels(sorted(one.name for one in folder.glob("*/")), scene.dataset.labels)
-    path = mask_path(folder, labels.get(camera, camera), instant)
+    path = mask_path(folder, labels.get(camera, camera), scene.dataset.record(camera, instant).instant)
     if not path.is_file():
         raise BadInputError(f"{path} is missing", hint="reconstruct movers makes masks of all images")
     mask = view.undistort_image(cv2.resize(read_image(path), (view.width, view.height)))

@@ -23,6 +23,7 @@ from reconstruction.common.templates import render_sentences
 from reconstruction.method.comparison_results import CompareResult
 from reconstruction.method.interface import Method, scored
 from reconstruction.method.phrases import EACH_DELAYED, LIMITS, late_text
+from reconstruction.method.spoken import spoken
 from reconstruction.method.study_result import Measure, Picture, StudyResult
 from reconstruction.method.tally import CONDITIONS, Measurements, Tally
 from reconstruction.method.words import StudyText
@@ -183,7 +184,7 @@ class Score:
         Raises:
             SimulshotError: an option cannot be used.
         """
-        self.scene.check_pair(self.asked)
+        self.asked = self.scene.named_pair(self.asked)
 
     def unasked(self) -> str:
         """Return why it is not to be made, by its options and `known`; empty if it is."""
@@ -352,7 +353,7 @@ class Score:
             key: {side: save_picture(out, f"{key}_{side}.{suffix}", drawn[side][key]) for side in CONDITIONS}
             for key, suffix in suffixes.items()
         }
-        captions = {text.key: text.caption.format(**words) for text in texts}
+        captions = {text.key: text.caption.format(**spoken(words, self.dataset.labels)) for text in texts}
         return tuple(
             msgspec.structs.replace(text, caption=captions[text.key], **paths[text.key]) for text in texts
         )
@@ -401,6 +402,7 @@ class Score:
 
 def say_all(result: CompareResult, say: Callable[[CompareResult], T]) -> T:
     """Return what `say` says of a result; a study whose words fail is in it by its failure only, logged."""
+    result = spoken(result, result.labels)
     try:
         return say(result)
     except Exception as error:

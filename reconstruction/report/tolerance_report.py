@@ -5,6 +5,7 @@ from pathlib import Path
 from reconstruction.common import wording
 from reconstruction.method.comparison_results import OffsetTolerance
 from reconstruction.method.score import study_reports
+from reconstruction.method.spoken import spoken
 from reconstruction.method.words import StudyText
 from reconstruction.pages.page import Section, render_page, write_page
 from reconstruction.report.findings import sentences
@@ -93,7 +94,7 @@ def _instants(tolerance: OffsetTolerance) -> Table:
 
 def write_tolerance_report(result: OffsetTolerance, out: Path) -> Path:
     """Write the curve's own page into the folder `out`; see `write_page`."""
-    name = Path(result.session).name or result.session
+    name, result = Path(result.session).name or result.session, spoken(result, result.labels)
     view = {
         "title": f"{name}: {tolerance_heading(result).lower()}",
         "kicker": "Depth against delay",

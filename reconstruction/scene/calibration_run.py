@@ -140,6 +140,8 @@ class CalibrateResult(msgspec.Struct, frozen=True, kw_only=True):
     """For a board: the image parts that it covered, and what would improve the calibration."""
     errors: dict[str, CameraErrors] = {}
     """For a board: the 95 % errors of each camera."""
+    labels: dict[str, str] = {}
+    """As in `Provenance`."""
     stored: bool
     kept: bool = False
     """Whether it was stored for the rig's later sessions."""
@@ -164,7 +166,7 @@ def calibrate(session: Path, options: CalibrateOptions) -> CalibrateResult:
     views, faults = sound_views(dataset, calibration)
     refuse_faults(dataset, views, faults)
     for name, text in faults:
-        talk(f"{name} is left out: {text}")
+        talk(f"{dataset.labels[name]} is left out: {text}")
     sound = {n: camera for n, camera in calibration.cameras.items() if n in views or n not in dataset.cameras}
     calibration = msgspec.structs.replace(calibration, cameras=sound)
     quality = judge_calibration(views, found.shared)
@@ -190,6 +192,7 @@ def calibrate(session: Path, options: CalibrateOptions) -> CalibrateResult:
     keeps = options.source in FOUND_HERE or options.rescales if options.keep is None else options.keep
     return CalibrateResult(
         session=str(session),
+        labels=dataset.other_labels,
         source=calibration.source,
         cameras=tuple(views),
         missing=tuple(name for name in dataset.cameras if name not in views),
@@ -261,7 +264,7 @@ def _rescaled(dataset: Dataset, found: Calibration, options: CalibrateOptions) -
     views = calibrated_views(dataset, found)
     if options.distance is not None:
         marks, metres = options.distance
-        first, second = marked_points(views, marks)
+        first, second = marked_points(views, marks, dataset.labels)
         factor, how = metres / float(np.linalg.norm(first - second)), f"a distance of {metres:g} m"
         found = in_world(found, World(np.eye(3), np.zeros(3), factor), "m", f"scale from {how}")
     elif options.scale_by_board:
@@ -271,7 +274,7 @@ def _rescaled(dataset: Dataset, found: Calibration, options: CalibrateOptions) -
         found = in_world(found, World(np.eye(3), np.zeros(3), factor), "m", how)
     views = calibrated_views(dataset, found)
     if options.vertical is not None:
-        world = world_of_marks(views, options.vertical)
+        world = world_of_marks(views, options.vertical, dataset.labels)
         return in_world(found, world, found.unit, "z up, ground by two points one above the other")
     if options.ground is not None:
         floor = open_recordings(dataset, (options.ground,))

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 from capture_app.common.errors import BadInputError
 from capture_app.common.instants import is_same_instant
+from capture_app.session.format.camera_labels import require_camera
 
 if TYPE_CHECKING:
     from reconstruction.scene.dataset import Dataset
@@ -108,16 +109,21 @@ class Condition:
             return tuple(self.listed_ms[0] * (place % 2) for place in range(len(cameras)))
         return self.listed_ms
 
-    def check(self, dataset: "Dataset") -> None:
-        """Refuse a list that does not fit the session's cameras.
+    def named(self, dataset: "Dataset") -> "Condition":
+        """Return the condition with the names of the cameras that it means.
 
         Raises:
             BadInputError: it names unknown cameras, or has more or fewer.
         """
-        for name in (*dict(self.named_ms), *filter(None, [self.anchor])):
-            dataset.session.camera(name)
         if len(self.listed_ms) > 1:
             dataset.require_offset_each(self.listed_ms)
+        of = {
+            text: require_camera(text, dataset.labels, "--condition")
+            for text in (*dict(self.named_ms), self.anchor)
+            if text
+        }
+        named_ms = tuple((of[text], ms) for text, ms in self.named_ms)
+        return replace(self, named_ms=named_ms, anchor=of.get(self.anchor, ""))
 
 
 SYNCHRONIZED, ALL_APART = Condition(SYNCED), Condition(DISTINCT)

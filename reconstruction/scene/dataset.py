@@ -184,11 +184,16 @@ class Dataset:
         smaller._read = smaller._image_cache()
         return smaller
 
+    @property
+    def other_labels(self) -> dict[str, str]:
+        """What people call cameras, by name; only of cameras with another name."""
+        return {name: label for name, label in self.labels.items() if name != label}
+
     def require_cameras(self, count: int, hint: str) -> None:
         """Raise NotApplicableError if the session has fewer cameras."""
         if len(self.cameras) < count:
             raise NotApplicableError(
-                f"the session has one camera only ({', '.join(self.cameras)})", hint=hint
+                f"the session has one camera only ({', '.join(self.labels.values())})", hint=hint
             )
 
     def require_offset_each(self, offsets_ms: Sequence[float]) -> None:
@@ -196,7 +201,7 @@ class Dataset:
         if len(offsets_ms) != len(self.cameras):
             raise BadInputError(
                 f"{len(offsets_ms)} offsets for {len(self.cameras)} cameras",
-                hint=f"give one for each, in this order: {', '.join(self.cameras)}",
+                hint=f"give one for each, in this order: {', '.join(self.labels.values())}",
             )
 
     def has_image(self, camera: str, instant: int) -> bool:

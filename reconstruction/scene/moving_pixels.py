@@ -301,6 +301,7 @@ def write_masks(motion: SceneMotion, out: Path, progress: Progress | None = None
                     dataset.size_on_disk(camera),
                     interpolation=cv2.INTER_NEAREST,
                 )
-                write_image(masks / f"{instant:06d}.png", full)
+                # Masks have their images' names, also where images were assigned to other instants.
+                write_image(masks / f"{dataset.record(camera, instant).instant:06d}.png", full)
             shares[camera] = sum(moving) / len(moving)
     return shares

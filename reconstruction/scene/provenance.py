@@ -15,6 +15,8 @@ from reconstruction.common.picture_checksums import picture_checks
 class Provenance(Struct, frozen=True, kw_only=True):
     """Provenance of a result; `with_provenance` fills it."""
 
+    labels: dict[str, str] = {}
+    """What people call cameras, by name; only of cameras with another name."""
     time_shifts_ms: dict[str, float] = {}
     """Shifts added to the times of these cameras."""
     seconds: float = 0.0

@@ -11,6 +11,7 @@ import numpy as np
 
 from capture_app.common.errors import BadInputError, NotAvailableError
 from capture_app.session.format.calibration import Calibration, LensKnowledge
+from capture_app.session.format.camera_labels import require_camera
 from reconstruction.common.geometry import View
 from reconstruction.scene.calibration.consistency import CalibrationCheck, check_rig
 from reconstruction.scene.calibration.soundness import calibrated_views
@@ -184,12 +185,14 @@ class Scene:
         except (BadInputError, NotAvailableError) as error:
             return error
 
-    def check_pair(self, pair: tuple[str, str] | None) -> None:
-        """Raise BadInputError if the session does not have these two different cameras."""
-        for name in pair or ():
-            self.dataset.session.camera(name)
-        if pair is not None and pair[0] == pair[1]:
+    def named_pair(self, pair: tuple[str, str] | None) -> tuple[str, str] | None:
+        """Return the names of two cameras that a person means; BadInputError if they are not two here."""
+        if pair is None:
+            return None
+        first, second = (require_camera(text, self.dataset.labels, "--pair") for text in pair)
+        if first == second:
             raise BadInputError(f"{pair[0]} cannot be paired with itself", hint="name two cameras")
+        return first, second
 
     def choose_stereo_pair(
         self, asked: tuple[str, str] | None, instant: int, among: Container[str] | None = None
@@ -203,7 +206,7 @@ class Scene:
                 own = self.dataset.session.calibration()
                 is_left_out = own is not None and name in own.cameras
                 lacks = "is left out, as its calibration is wrong" if is_left_out else "has no calibration"
-                return PairChoice(None, f"camera {name} {lacks}")
+                return PairChoice(None, f"camera {self.dataset.labels[name]} {lacks}")
         if asked is not None:
             return PairChoice(asked, "asked for")
         views = {name: view for name, view in self.known_views.items() if among is None or name in among}

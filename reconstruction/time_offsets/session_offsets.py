@@ -29,6 +29,8 @@ class TimeResult(Struct, frozen=True, kw_only=True):
     cameras: dict[str, CameraTime]
     calibration: str
     seconds: float
+    labels: dict[str, str] = {}
+    """As in `Provenance`."""
     applied: bool = False
     """Whether the measured times were written into the session."""
     repaired: bool = False
@@ -104,6 +106,7 @@ def measure_times(
             for name, camera in cameras.items()
         },
         calibration=calibration,
+        labels=dataset.other_labels,
         seconds=system.monotonic_s() - began,
         applied=apply,
         repaired=repair_drops,

@@ -208,16 +208,16 @@ FAULTS: dict[str, Fault] = {
     "absent": Fault(
         "the verdict ignores a camera that is lost",
         "capture_app/node/leader/bursts.py",
-        "            absent=self._lost_cameras() | without,",
-        "            absent=without,",
+        "in (self._lost_cameras() | without).items()",
+        "in without.items()",
         _befalls((*_ENDS, "cut", "freeze"), "cam", "relay"),
         seed=6,
     ),
     "words": Fault(
         "the operator's words leave out missing images",
         "capture_app/node/burst/burst_session.py",
-        "        self.message = result_text(burst, missing)",
-        "        self.message = result_text(burst, [])",
+        "        self.message = result_text(burst, missing, titles)",
+        "        self.message = result_text(burst, [], titles)",
     ),
     "count": Fault(
         "an operator is told of as many images as were ordered",

@@ -159,9 +159,9 @@ def _camera_records(
                 period_ns=timeline.camera_periods_ns[source.name],
                 timestamp_source=TimestampSource.UNKNOWN,
                 phase_control=PhaseControl.NONE,
+                label=source.label if source.label != source.name else "",
             ),
             source_frames=len(source.numbers),
-            label=source.label if source.label != source.name else "",
         )
         for source in sources
     ]

@@ -177,7 +177,8 @@ class MonitorFeed:
             case Waiting(reason=reason):
                 self._say_course("waiting", words=reason, can_hurry=taking.is_waiting)
             case Moved(camera=camera):
-                self._say_course("ordered", words=f"something moves in front of {camera}")
+                title = self._rig.titles.get(camera, camera) if self._rig else camera
+                self._say_course("ordered", words=f"something moves in front of {title}")
             case Begun():
                 self._say_course("waiting" if taking.is_open else "idle")
             case Failed(error=error):
@@ -185,7 +186,7 @@ class MonitorFeed:
 
     def _show_status(self, rig: RigStatus) -> None:
         self._rig = rig
-        cameras = {node.name: node for node in rig.cameras}
+        cameras, titles = {node.name: node for node in rig.cameras}, rig.titles
         self._say(
             "rig",
             leader=rig.leader,
@@ -193,7 +194,12 @@ class MonitorFeed:
             old_s=old_from_s(rig),
             apart_s=APART_S,
             cameras=[
-                {"name": name, "state": cameras[name].state, "message": cameras[name].message}
+                {
+                    "name": name,
+                    "title": titles[name],
+                    "state": cameras[name].state,
+                    "message": cameras[name].message,
+                }
                 for name in sorted(cameras, key=natural_order)
             ],
         )

@@ -173,7 +173,7 @@ class BurstSession:
             writer,
             disk,
             lost=lost_images(writer, deliveries),
-            absent={camera.name: camera.reason for camera in writer.plan.burst.absent},
+            absent={camera.name: camera for camera in writer.plan.burst.absent},
         )
         session._is_of_this_run, session.is_closing = is_of_this_run, is_closing
         session.session = folder if (folder / MANIFEST).exists() else None
@@ -221,15 +221,16 @@ class BurstSession:
             # What cameras have not encoded yet counts too, or the progress would jump back at the end.
             instants = max(instants, bisect_right(self.burst.instants_ns, self._now_ns))
         parts = {
-            name: (len(delivery.instants), delivery.given_up) for name, delivery in self._deliveries.items()
+            name: (len(delivery.instants), delivery.given_up, delivery.plan.camera.facts.label)
+            for name, delivery in self._deliveries.items()
         }
-        parts |= {name: (0, why) for name, why in self._absent.items()}
+        parts |= {name: (0, camera.reason, camera.label) for name, camera in self._absent.items()}
         transfer = tuple(
-            CameraTransfer(camera=name, received=received, expected=instants, problem=problem)
-            for name, (received, problem) in sorted(parts.items())
+            CameraTransfer(camera=name, received=received, expected=instants, problem=problem, label=label)
+            for name, (received, problem, label) in sorted(parts.items())
         )
         moved = f"its folder is {self._writer.moved_to} now" if self._writer.moved_to else ""
-        without = "; ".join(f"without {name}: {why}" for name, why in self._absent.items())
+        without = "; ".join(f"without {of.label or of.name}: {of.reason}" for of in self._absent.values())
         received, expected = sum(t.received for t in transfer), sum(t.expected for t in transfer)
         message = self.message or ("" if done else self.trouble or self._waiting_text())
         if self._lost is not None and not done:
@@ -661,7 +662,8 @@ class BurstSession:
         burst = choice.record(self._reported_plans, self._absent)
         if is_cut and not is_open_ended(ordered, self.burst.step_ns):
             burst = replace(burst, ordered=ordered)
-        self.message = result_text(burst, missing)
+        titles = {delivery.name: delivery.title for delivery in deliveries}
+        self.message = result_text(burst, missing, titles)
         if self.is_empty() and self._lost is None and not any(delivery.silent for delivery in deliveries):
             writer.discard()
             self.message = f"no image arrived, so no session was made; {self.message}"
@@ -733,7 +735,7 @@ class BurstSession:
         if seconds >= SAID_AFTER_S:
             return f"waiting for the disk: {count(images, 'image')}, {seconds:.0f} s"
         if awaited := self._awaited:
-            names = ", ".join(sorted(delivery.name for delivery in awaited))
+            names = ", ".join(sorted(delivery.title for delivery in awaited))
             whom = "all cameras" if len(awaited) == len(self._deliveries) else names
             silent_s = max(0, self._now_ns - max(delivery.heard_ns for delivery in awaited)) // 10**9
             if not any(delivery.silent for delivery in awaited):
@@ -744,7 +746,7 @@ class BurstSession:
             for _, delivery in sorted(self._deliveries.items())
             if not delivery.is_complete(self._choice)
         ]
-        unreported = [delivery.name for delivery in late if not delivery.reported_plan]
+        unreported = [delivery.title for delivery in late if not delivery.reported_plan]
         if unreported and not self._choice.committed.is_set() and len(unreported) < len(self._deliveries):
             return f"waiting to hear from {', '.join(unreported)}"
         # In a long burst the next frame may be hours away, and a burst of an earlier run has other times.
@@ -755,7 +757,7 @@ class BurstSession:
             or self._now_ns - self.burst.instants_ns[-1] < SAID_AFTER_S * 1e9
         ):
             return ""
-        return f"waiting for images of {', '.join(of.name for of in late)}"
+        return f"waiting for images of {', '.join(of.title for of in late)}"
 
 
 def lost_images(writer: SessionWriter, deliveries: Iterable[CameraDelivery]) -> Lost:

@@ -44,6 +44,11 @@ class CameraDelivery:
         self.since_ns = max(self.since_ns, self.heard_ns)
 
     @property
+    def title(self) -> str:
+        """What people call its camera."""
+        return self.plan.camera.facts.called(self.name)
+
+    @property
     def name(self) -> str:
         """Name of the camera."""
         return self.plan.camera.name

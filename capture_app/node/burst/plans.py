@@ -71,7 +71,7 @@ def settled(plan: CameraPlan, ordered: int) -> CameraPlan:
 
 Reports = Mapping[str, CameraPlan | None]
 """Each camera's report, None for a camera without one, by name."""
-Absent = Mapping[str, str]
+Absent = Mapping[str, AbsentCamera]
 """Cameras of the rig that take no part, and why."""
 
 
@@ -148,7 +148,7 @@ class InstantChoice:
             period_ns=burst.period_ns,
             requested_ns=burst.requested_ns,
             skipped=self.skipped(reports),
-            absent=_absent_cameras(absent),
+            absent=tuple(camera for _, camera in sorted(absent.items())),
         )
 
 
@@ -206,17 +206,13 @@ def check_machine(plan: BurstPlan, camera: str, pin: str) -> None:
         )
 
 
-def _absent_cameras(absent: Absent) -> tuple[AbsentCamera, ...]:
-    return tuple(AbsentCamera(name=name, reason=why) for name, why in sorted(absent.items()))
-
-
 def burst_record(burst: Burst, absent: Absent | None = None) -> BurstRecord:
     """Return the record of a burst as ordered, without its instants if frames are streamed."""
     return BurstRecord(
         instants_ns=() if burst.streamed else tuple(burst.instants_ns),
         period_ns=burst.period_ns,
         requested_ns=burst.requested_ns,
-        absent=_absent_cameras(absent or {}),
+        absent=tuple(camera for _, camera in sorted((absent or {}).items())),
     )
 
 
@@ -244,8 +240,11 @@ def burst_of(plan: BurstPlan) -> Burst:
     )
 
 
-def result_text(burst: BurstRecord, missing: Sequence[MissingImage]) -> str:
-    """Return one line about missing images, skipped instants and those not taken; empty for none."""
-    reasons = "; ".join(sorted({f"{gap.camera}: {gap.reason}" for gap in missing}))
+def result_text(burst: BurstRecord, missing: Sequence[MissingImage], titles: Mapping[str, str]) -> str:
+    """Return one line about missing images, skipped instants and those not taken; empty for none.
+
+    `titles` is what people call each camera.
+    """
+    reasons = "; ".join(sorted({f"{titles[gap.camera]}: {gap.reason}" for gap in missing}))
     text = f"{count(len(missing), 'image')} missing ({reasons})" if missing else ""
-    return "; ".join(filter(None, (burst.shortfall, text, skipped_text(burst.skipped))))
+    return "; ".join(filter(None, (burst.shortfall, text, skipped_text(burst.skipped, titles))))

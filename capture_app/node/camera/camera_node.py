@@ -230,7 +230,6 @@ class CameraNode:
                     camera.device_clock,
                     self._camera.controls.held,
                     self._engine.delay_ns,
-                    self.options.label,
                 ),
                 reported=True,
                 picking=streamed,
@@ -264,13 +263,11 @@ def camera_record(
     device: DeviceClock | None = None,
     held: Mapping[Control, float] | None = None,
     delay_ns: int = 0,
-    label: str = "",
 ) -> CameraRecord:
     """Return a camera's manifest record for a burst; `corrections` counts the phase corrections before it.
 
     `tolerance_ns` is the phase tolerance on the rig's grid; `device` is the camera's own clock, if it
-    timestamps by one; `held` are the controls that a user set, `delay_ns` is its planned delay, `label`
-    what its owner calls it.
+    timestamps by one; `held` are the controls that a user set, `delay_ns` is its planned delay.
     """
     time_map, phase = ready.time_map, ready.phase
     return CameraRecord(
@@ -278,7 +275,6 @@ def camera_record(
         facts=facts,
         held=dict(held) if held else msgspec.UNSET,
         delay_ns=delay_ns,
-        label=label if label != name else "",
         clock=ClockRecord(
             epoch_local_ns=time_map.epoch_local_ns,
             offset_ns=time_map.offset_ns,

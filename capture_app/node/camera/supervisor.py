@@ -174,7 +174,7 @@ class NodeOptions(EndpointOptions):
 
     name: str
     label: str = ""
-    """What its owner calls the camera, in any script."""
+    """What its owner calls the camera, in any script; empty if that is its name."""
     open_camera: Callable[[], Camera]
     """Called at the start, and again after each failure of the device."""
     leaders: tuple[Address, ...]
@@ -250,7 +250,7 @@ class CameraSupervisor:
                 if reported.is_exact
                 else self._options.profiles.read(camera_key(self._options.name, facts)).stamp
             )
-        self.facts = replace(facts, stamp=measured or reported)
+        self.facts = replace(facts, stamp=measured or reported, label=self._options.label or facts.label)
 
     def _deliver(self, frame: CapturedFrame) -> None:
         self._delivered += 1

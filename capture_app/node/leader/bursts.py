@@ -39,6 +39,7 @@ from capture_app.node.leader.readiness import (
 from capture_app.protocol.messages import BurstRequest, CameraReport, ReportAck, SpoolSpace
 from capture_app.protocol.orders import MarkPlaced
 from capture_app.protocol.status import BurstStatus
+from capture_app.session.format.manifest import AbsentCamera
 from capture_app.session.format.marks import RIG_MARKS, Mark, check_mark_text
 from capture_app.session.writing.rig_marks import append_mark
 from capture_app.session.writing.session_writer import SessionWriter
@@ -227,7 +228,7 @@ class ActiveBursts:
         without = await asyncio.to_thread(check_room, root, cameras, self._image_bytes, frames, self.spools)
         if without and without.keys() >= {member.name for member in cameras}:
             raise DiskFullError(
-                "; ".join(f"{name}: {why}" for name, why in without.items()),
+                "; ".join(f"{self._engine.roster.title(name)}: {why}" for name, why in without.items()),
                 hint="make room on that node, or take fewer frames",
             )
         # An abandoned number is never reused, because nodes may still know it.
@@ -250,7 +251,14 @@ class ActiveBursts:
             self._disk,
             delays_ns=self._engine.planned_delays_ns(),
             short_timeouts=self._silent,
-            absent=self._lost_cameras() | without,
+            absent={
+                name: AbsentCamera(
+                    name=name,
+                    reason=why,
+                    label=title if (title := self._engine.roster.title(name)) != name else "",
+                )
+                for name, why in (self._lost_cameras() | without).items()
+            },
         )
         session.order_end = functools.partial(self._stop_cameras, session) if order.streamed else None
         self._bursts[number] = self.newest = session

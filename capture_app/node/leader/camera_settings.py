@@ -64,7 +64,7 @@ class CameraSettings:
             if values := self._values_to_set(camera, state):
                 answer = await self.ask(ControlsRequest(camera=camera, values=values))
                 for problem in dict.fromkeys(answer.state.problems.values()):
-                    self._log.say(f"{camera}: {problem}")
+                    self._log.say(f"{self._log.title_of(camera)}: {problem}")
 
     def _values_to_set(self, camera: str, state: CameraControls) -> dict[Control, ControlValue]:
         values: dict[Control, ControlValue] = {}
@@ -78,7 +78,8 @@ class CameraSettings:
             }
             setting = own or (others.pop() if len(others) == 1 else None)
             if setting is not None and mine is None:
-                self._log.say(f"{camera}: its {control} cannot be controlled, as the other cameras' can")
+                said = f"its {control} cannot be controlled, as the other cameras' can"
+                self._log.say(f"{self._log.title_of(camera)}: {said}")
             elif setting is not None and mine is not None and mine.unit == setting.unit:
                 values[control] = setting.value
         return values

@@ -37,6 +37,7 @@ class LeaderNode(PortEndpoint):
         self._storing: asyncio.Task[None] | None = None
         """Task that stores the names."""
         self.bursts = ActiveBursts(options, engine, self.pump)
+        self.log.title_of = engine.roster.title
         self._local = (
             None
             if options.spool is None

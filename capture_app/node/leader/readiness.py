@@ -44,8 +44,8 @@ def shortfall(member: Member, *, why: bool = False) -> str:
     """Return why a node is not ready: its state, with its own message if `why`, or its degradation."""
     state, message = member.report.state, member.report.message
     if state is NodeState.DEGRADED:
-        return f"{member.name}: {message}"
-    return f"{member.name} is {state}" + (f": {message}" if why and message else "")
+        return f"{member.camera.called(member.name)}: {message}"
+    return f"{member.camera.called(member.name)} is {state}" + (f": {message}" if why and message else "")
 
 
 def degraded_nodes(members: Sequence[Member]) -> str:
@@ -202,7 +202,9 @@ def rig_advice(
     sentence = _of_states(members, _UNAVAILABLE, now_ns)
     if not sentence and off_rate:
         worst = max(off_rate.values(), key=lambda off: abs(off.fast_ppm))
-        sentence = off_rate_line(worst) + _and_more(len(off_rate))
+        sentence = off_rate_line(
+            worst, lambda name: next((m.camera.called(name) for m in members if m.name == name), name)
+        ) + _and_more(len(off_rate))
     if sentence := sentence or _of_states(members, _IN_PROGRESS, now_ns):
         return sentence
     cameras = present_cameras(members)

@@ -360,7 +360,8 @@ class LeaderService:
                 return
         if self._is_here(name):
             raise BadInputError(
-                f"{name} runs on {members[name].address[0]}, not as a process of the leader",
+                f"{self._engine.roster.title(name)} runs on {members[name].address[0]}, not as a process of"
+                " the leader",
                 hint="stop capture-app node there",
             )
         self._engine.forget(name)

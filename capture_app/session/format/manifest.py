@@ -122,8 +122,6 @@ class CameraRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     """Moves of its stream within a recording."""
     source_frames: Count | None = None
     """Number of frames in the film or folder from which it was imported; images number them from 0."""
-    label: Label = ""
-    """What its owner calls it, in any script; absent if that is its name."""
 
     def __post_init__(self) -> None:
         """Raise ValueError for a camera without pixels."""
@@ -167,11 +165,13 @@ class SkippedInstant(Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     missing: tuple[SkippedFrame, ...]
 
 
-class AbsentCamera(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class AbsentCamera(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True):
     """A camera of the rig that took no part in the burst, and the reason."""
 
     name: Name
     reason: Sentence
+    label: Label = ""
+    """As in a camera's facts."""
 
 
 class BurstRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True):
@@ -193,7 +193,7 @@ class BurstRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True,
     @property
     def absence(self) -> str:
         """What was ordered and not taken, in words: "cam02 missing: lost 12 s before"; empty for nothing."""
-        lacks = [f"{camera.name} missing: {camera.reason}" for camera in self.absent]
+        lacks = [f"{camera.label or camera.name} missing: {camera.reason}" for camera in self.absent]
         return ", ".join(filter(None, (self.shortfall, *lacks)))
 
     @property
@@ -318,7 +318,7 @@ class Manifest(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     @property
     def labels(self) -> dict[str, str]:
         """What people call each camera, by its name."""
-        return {camera.name: camera.label or camera.name for camera in self.cameras}
+        return {camera.name: camera.facts.called(camera.name) for camera in self.cameras}
 
     @property
     def expected_images(self) -> int:

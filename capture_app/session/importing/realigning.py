@@ -100,7 +100,9 @@ def _rewrite(session: Session, timeline: Timeline, common: CommonTimes | None) -
         missing = missing_images(
             writer, [camera.name for camera in manifest.cameras], timeline.instants, None
         )
-        writer.finish(manifest.cameras, burst, missing, manifest.origin, manifest.note)
+        writer.finish(
+            manifest.cameras, burst, missing, manifest.origin, manifest.note, label=manifest.label or ""
+        )
     return Session.open(session.folder)
 
 

@@ -1,7 +1,7 @@
 """Verdict on a burst: its synchronization quality and the motion it tolerates; every view shows this one."""
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import groupby
 from typing import Literal
 
@@ -108,7 +108,7 @@ def judge(manifest: Manifest, *, arriving: bool = False) -> Verdict:
         motion = None
     seen = {image.camera for image in manifest.images}
     silent = [
-        f"{camera.name} missing: no image came"
+        f"{manifest.labels[camera.name]} missing: no image came"
         for camera in manifest.cameras
         if seen and camera.name not in seen
     ]
@@ -124,7 +124,7 @@ def judge(manifest: Manifest, *, arriving: bool = False) -> Verdict:
     capped = cap_grade(grade, max(lost.values(), default=0) / max(1, ordered), missing, expected)
     # Where nothing is known of the times, that comes first.
     named_otherwise = silent or manifest.burst.absent or grade == "unknown"
-    worst = "" if named_otherwise else _worst_camera(lost, ordered)
+    worst = "" if named_otherwise else _worst_camera(lost, ordered, manifest.labels)
     gaps = _common_gaps(manifest) if missing else ""
     completeness = "; ".join(filter(None, (absence, worst, _completeness(missing, expected, sync, gaps))))
     if arriving:
@@ -221,8 +221,8 @@ def _why_nothing(manifest: Manifest) -> str:
     """Return the reasons for which a take has no image, each with its cameras; empty if none is recorded."""
     reasons: dict[str, list[str]] = {}
     for gap in manifest.missing:
-        reasons.setdefault(gap.reason, []).append(gap.camera)
-    absent = [f"{absence.name}: {absence.reason}" for absence in manifest.burst.absent]
+        reasons.setdefault(gap.reason, []).append(manifest.labels[gap.camera])
+    absent = [f"{of.label or of.name}: {of.reason}" for of in manifest.burst.absent]
     reasons_given = [f"{', '.join(dict.fromkeys(cameras))}: {reason}" for reason, cameras in reasons.items()]
     return "; ".join([*reasons_given, *absent])
 
@@ -239,12 +239,12 @@ def _purpose(grade: Grade, motion: float | None, spread_ns: int | None, *, recor
     return f"{grade}: within a pixel for motion up to {float(f'{motion:.2g}'):,.0f} px/s"
 
 
-def _worst_camera(lost: dict[str, int], ordered: int) -> str:
+def _worst_camera(lost: dict[str, int], ordered: int, titles: Mapping[str, str]) -> str:
     """Name the camera that lacks most frames, if it lacks more than others and than costs nothing."""
     name = max(lost, key=lost.__getitem__, default="")
     if not name or lost[name] <= LOSS_LIMITS[0][0] * ordered or lost[name] == min(lost.values()):
         return ""
-    return f"{name} lacks {lost[name]} of {count(ordered, 'frame')}"
+    return f"{titles[name]} lacks {lost[name]} of {count(ordered, 'frame')}"
 
 
 def _completeness(missing: int, expected: int, sync: SyncRecord, gaps: str) -> str:
@@ -271,13 +271,21 @@ def _common_gaps(manifest: Manifest) -> str:
     return f"no camera delivered any from {' and '.join(gaps)}" if gaps and taken else ""
 
 
-def skipped_text(skipped: Sequence[SkippedInstant]) -> str:
-    """Describe the skipped instants and why: "1 instant skipped: cam03 dropped 1 frame"; empty for none."""
+def skipped_text(skipped: Sequence[SkippedInstant], titles: Mapping[str, str]) -> str:
+    """Describe the skipped instants and why: "1 instant skipped: cam03 dropped 1 frame"; empty for none.
+
+    `titles` is what people call each camera.
+    """
     if not skipped:
         return ""
     gaps = [gap for instant in skipped for gap in instant.missing]
     dropped = Counter(gap.camera for gap in gaps if gap.dropped)
-    others = dict.fromkeys(f"{gap.camera}: {gap.reason}" for gap in gaps if not gap.dropped)
-    reasons = [f"{camera} dropped {count(frames, 'frame')}" for camera, frames in sorted(dropped.items())]
+    others = dict.fromkeys(
+        f"{titles.get(gap.camera, gap.camera)}: {gap.reason}" for gap in gaps if not gap.dropped
+    )
+    reasons = [
+        f"{titles.get(camera, camera)} dropped {count(frames, 'frame')}"
+        for camera, frames in sorted(dropped.items())
+    ]
     why = ", ".join([*reasons, *others]) or "not every camera had its frame"
     return f"{count(len(skipped), 'instant')} skipped: {why}"

@@ -153,6 +153,10 @@ class Roster:
         """Return all members by name, including lost ones, whose reports have the state LOST."""
         return tuple(member for _, member in sorted(self.members.items()))
 
+    def title(self, name: str) -> str:
+        """Return what people call the member of that name; the name if there is none."""
+        return self.members[name].camera.called(name) if name in self.members else name
+
     def member_by_number(self, number: int) -> Member | None:
         """Return the present member with that number, or None."""
         member = self._by_number.get(number)
@@ -166,16 +170,18 @@ class Roster:
 
     def refusal(self, hello: Hello) -> str:
         """Return the reason why a client cannot join; empty if it can."""
-        known = self.members.get(hello.name)
+        known, title = self.members.get(hello.name), hello.camera.called(hello.name)
         if self.is_of_another_machine(hello):
             return (
                 f"two machines are called {hello.name}: give this one another --name; or, when the other is"
                 f" off for good, on the leader: capture-app cameras remove {hello.name}"
             )[:MAX_TEXT]
-        if known is not None and not known.lost and known.instance != hello.instance:
-            return f"another camera named {hello.name} is here: give this one another --name"
-        if known is None and (alike := find_alike(hello.name, self.members)) is not None:
-            return f"{alike} is here, and {hello.name} would be the same folder: give this one another --name"
+        here = known is not None and not known.lost and known.instance != hello.instance
+        alike = hello.name if here else None if known else find_alike(hello.name, self.members)
+        if alike is not None and (other := self.title(alike)) == title:
+            return f"another camera named {title} is here: give this one another --name"
+        if alike is not None:
+            return f"{other} is here, and {title} would be the same folder: give this one another --name"
         if hello.via is not None and hello.pin in self.direct_pins:
             return (
                 "its machine is paired with the leader, and no relay may speak for it: join the leader,"

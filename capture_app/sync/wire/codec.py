@@ -158,7 +158,7 @@ def decode(data: bytes) -> Message:
 
 _TEXTS: dict[type, tuple[str, ...]] = {
     Hello: ("camera",),
-    CameraFacts: ("kind", "model", "pixel_format", "stamp"),
+    CameraFacts: ("kind", "model", "pixel_format", "stamp", "label"),
     StampAccuracy: ("against",),
     Heartbeat: ("report",),
     MemberReports: ("reports",),

@@ -80,11 +80,13 @@ def read_result(run: Run, log: Sequence[str] = ()) -> ShownResult:
         raise BadInputError(f"{run.command.title} of {run.session.name} has no result", hint="run it again")
     try:
         found = msgspec.json.decode(path.read_bytes(), type=dict[str, Any])
-        words = found.get("words") or {}
+        words, labels = found.get("words") or {}, found.get("labels", {})
         skipped = (
             f"no {one['name']}: {one['skipped']}" for one in found.get("studies", ()) if one["skipped"]
         )
-        left_out = (f"{name} is left out: {why}" for name, why in found.get("left_out", {}).items())
+        left_out = (
+            f"{labels.get(name, name)} is left out: {why}" for name, why in found.get("left_out", {}).items()
+        )
         printed = [line for line in log if ProgressStep.parse(line) is None] if not words else ()
         return ShownResult(
             run.message,
@@ -116,7 +118,8 @@ def _pictures(found: dict[str, Any], words: dict[str, Any], folder: Path) -> Ite
             yield ResultPicture(title, "", inside(folder, synced[key]), other, SYNCED, label)
     for view in found.get("views", ()):
         caption = f"{found['nearest']:.3g} to {found['farthest']:.3g} {found['unit']}; dark: no distance"
-        yield ResultPicture(f"Distance, {view['camera']}", caption, inside(folder, view["picture"]))
+        title = f"Distance, {found.get('labels', {}).get(view['camera'], view['camera'])}"
+        yield ResultPicture(title, caption, inside(folder, view["picture"]))
 
 
 def figures(result: ShownResult) -> Iterator[RenderableType]:

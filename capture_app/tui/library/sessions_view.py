@@ -258,7 +258,7 @@ class SessionsView(ModeView):
     async def _show_pane(self, after_s: float = 0.0) -> None:
         await asyncio.sleep(after_s)
         entry = self.entry
-        write_border(self._pane, "" if entry is None else printable(entry.card.name))
+        write_border(self._pane, "" if entry is None else printable(entry.card.shown))
         if entry is None or entry.card.state != "complete":
             self._pane.show(entry, None)
         elif entry != self._pane.entry:
@@ -294,12 +294,12 @@ class SessionsView(ModeView):
         """
         entry = self.entry
         if entry is not None and entry.card.state == "being saved":
-            words = f"{printable(entry.card.name)} is being saved: try again when that is done"
+            words = f"{printable(entry.card.shown)} is being saved: try again when that is done"
             self.app.notify(words, markup=False)
         elif entry is not None and what == "compare" and not entry.card.images:
-            self.app.notify(f"{printable(entry.card.name)} has no images: nothing to compare", markup=False)
+            self.app.notify(f"{printable(entry.card.shown)} has no images: nothing to compare", markup=False)
         elif entry is not None and what == "compare" and entry.card.instants == 1:
-            words = f"{printable(entry.card.name)} has one instant: no frame can be offset. Take 5 or more"
+            words = f"{printable(entry.card.shown)} has one instant: no frame can be offset. Take 5 or more"
             self.app.notify(words, markup=False)
         elif entry is not None and what in COMMANDS:
             self._start(COMMANDS[what], entry)
@@ -365,7 +365,7 @@ class SessionsView(ModeView):
         name = (
             name
             if name in rows
-            else await self.app.push_screen_wait(ListQuestion(f"Run a command on {entry.card.name}", rows))
+            else await self.app.push_screen_wait(ListQuestion(f"Run a command on {entry.card.shown}", rows))
         )
         if name is not None:
             command, folder, quick = COMMANDS[name], entry.card.folder, COMMANDS[name].quick
@@ -389,7 +389,7 @@ class SessionsView(ModeView):
             if options is not None and command.would_replace(folder, options):
                 answer = await self.app.push_screen_wait(
                     Question(
-                        f"{entry.card.name} has a calibration: its own, or the one of its rig.",
+                        f"{entry.card.shown} has a calibration: its own, or the one of its rig.",
                         [Answer("keep", "k", "Keep it"), Answer("replace", "r", "Replace it")],
                         title=command.title,
                     )
@@ -411,7 +411,7 @@ class SessionsView(ModeView):
         rows = {name: (name, one.help) for name, one in load_exporters().items()}
         before = self._settings.recall("sessions.export-format", "colmap")
         name = name or await self.app.push_screen_wait(
-            ListQuestion(f"Export {entry.card.name}", rows, before)
+            ListQuestion(f"Export {entry.card.shown}", rows, before)
         )
         if name is None:
             return
@@ -449,7 +449,7 @@ class SessionsView(ModeView):
             state = "is waiting" if self._runs.are_held or self._runs.unfinished else "has started"
             run = self._runs.add(command, entry.card.folder, options, out)
             self.app.notify(
-                f"{command.title} of {printable(entry.card.name)} {state}: key 4 shows its progress. "
+                f"{command.title} of {printable(entry.card.shown)} {state}: key 4 shows its progress. "
                 "It ends when simulshot quits.",
                 markup=False,
             )
@@ -474,7 +474,7 @@ class SessionsView(ModeView):
             "One line, saved with the session.",
             entry.card.note,
             check=check_note,
-            title=f"Note of {entry.card.name}",
+            title=f"Note of {entry.card.shown}",
         )
         note = await self.app.push_screen_wait(question)
         if note is not None:
@@ -492,7 +492,7 @@ class SessionsView(ModeView):
                 )
             await asyncio.to_thread(trash_session, entry.card.folder)
             self.post_message(SessionMoved(entry.card.folder, None))
-            self.app.notify(f"{printable(entry.card.name)} is in the trash: u restores it", markup=False)
+            self.app.notify(f"{printable(entry.card.shown)} is in the trash: u restores it", markup=False)
         self.look_at_disk()
         await self._runs.read()
 
@@ -553,7 +553,7 @@ def folder_question(card: SessionCard, folder: Path, format_name: str) -> TextQu
         "Folder to write, new or empty.",
         str(folder / free_name(f"{card.name}-{format_name}", [one.name for one in folder.glob("*")])),
         check=check,
-        title=f"Export {card.name} to {format_name}",
+        title=f"Export {card.shown} to {format_name}",
     )
 
 

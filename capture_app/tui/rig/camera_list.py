@@ -168,7 +168,9 @@ def _message_rows(node: NodeStatus, width: int, height: int) -> list[Content]:
 
 def _name(node: NodeStatus, width: int) -> Content:
     branch = "  " * (node.depth - 2) + "└ " if node.depth > 1 else ""
-    name = Content(f"{branch}{printable(node.name)}").truncate(width - 1, ellipsis=True, pad=True)
+    name = Content(f"{branch}{printable(node.camera.called(node.name))}").truncate(
+        width - 1, ellipsis=True, pad=True
+    )
     return Content.assemble("  ", name, " ").stylize("bold")
 
 

@@ -114,11 +114,14 @@ class CameraScreen(Dialog[None]):
         with showing_errors(self):
             found = await self._source.match_cameras(self._camera)
             problems = [
-                f"\n{name}: {why}"
+                f"\n{self._record.title(name)}: {why}"
                 for name, state in found.items()
                 for why in dict.fromkeys(state.problems.values())
             ]
-            words = f"{count(len(found), 'camera')} set like {self._camera}{', except:' if problems else ''}"
+            words = (
+                f"{count(len(found), 'camera')} set like {self._record.title(self._camera)}"
+                f"{', except:' if problems else ''}"
+            )
             self.notify(
                 printable("".join([words, *problems])),
                 severity="warning" if problems else "information",
@@ -181,7 +184,10 @@ class CameraScreen(Dialog[None]):
             self._facts.show([words, Content(""), Content("")])
             return
         sign = SIGNS[node.state]
-        first = [(f"{printable(node.name)}  ", "bold $primary"), (str(sign), f"bold {sign.style}")]
+        first = [
+            (f"{printable(node.camera.called(node.name))}  ", "bold $primary"),
+            (str(sign), f"bold {sign.style}"),
+        ]
         if node.message:
             first.append((f"  {printable(node.message)}", sign.style))
         bound = "" if node.hard_bound_ns is None else f", at most ±{duration(node.hard_bound_ns)}"

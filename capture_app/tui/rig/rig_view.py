@@ -326,11 +326,14 @@ class RigView(ModeView):
             if node.state is not NodeState.LOST:
                 if not node.on_leader and node.camera.kind != PHONE:
                     raise SimulshotError(
-                        f"{node.name} runs on another machine, {node.address}",
+                        f"{node.camera.called(node.name)} runs on another machine, {node.address}",
                         hint="stop it there with Ctrl-C",
                     )
                 answers = [Answer("keep", "k", "Keep"), Answer("end", "e", "Stop and remove")]
-                question = Question(f"{node.name} is running. Stop it and remove it from the rig?", answers)
+                question = Question(
+                    f"{node.camera.called(node.name)} is running. Stop it and remove it from the rig?",
+                    answers,
+                )
                 if await self.app.push_screen_wait(question) != "end":
                     return
             await self._source.order(RemoveCamera(name=node.name))

@@ -11,7 +11,7 @@ from textual import work
 from textual.binding import Binding, BindingType
 from textual.content import Content
 
-from capture_app.common.text import duration, printable
+from capture_app.common.text import duration
 from capture_app.protocol.status import NodeStatus, Preview
 from capture_app.rig.rig_link import RigLink
 from capture_app.session.reading.decoding import decode_preview
@@ -176,9 +176,9 @@ class FullView(WholeScreen[str]):
                 self._newest = None
 
     def _show_title(self) -> None:
-        shown = self._partner if self._shows_second else self.camera
+        shown, title = self._partner if self._shows_second else self.camera, self._record.title
         cameras = () if self._record.status is None else self._record.status.cameras
-        parts = [Content.styled(printable(shown), "bold $primary")]
+        parts = [Content.styled(title(shown), "bold $primary")]
         for node in cameras:
             if node.name == shown:
                 sign = SIGNS[node.state]
@@ -186,7 +186,7 @@ class FullView(WholeScreen[str]):
         if self._blinks:
             pair = self._pair
             apart = "waiting for both" if pair is None else f"{duration(pair[0])} apart"
-            names = f"blinking {printable(self.camera)} ↔ {printable(self._partner)}"
+            names = f"blinking {title(self.camera)} ↔ {title(self._partner)}"
             parts.insert(1, Content.styled(f"{names}, {apart}", "bold"))
         parts += [Content.styled(f"{aid} on", "$warning") for aid, on in self._aids.items() if on]
         self.title_line.show([Content(" · ").join(parts)])

@@ -100,7 +100,7 @@ class PreviewTile(Vertical):
         title = Content.assemble(
             ("▸" if self.has_class("chosen") else " ", "bold $primary"),
             (f"{sign.glyph} ", sign.style),
-            (printable(node.name), "bold"),
+            (printable(node.camera.called(node.name)), "bold"),
         )
         rate = "" if node.fps is None or self.picture.is_grey else f" {node.fps:.1f} fps"
         parts = (

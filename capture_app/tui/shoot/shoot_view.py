@@ -359,7 +359,7 @@ class ShootView(ModeView):
                 self._course = f"◉ {of} in {seconds} s"
                 self.stage.count_down(seconds, f"{of} in {seconds} s")
             case Moved(camera=camera):
-                self.notify(f"something moves in front of {printable(camera)}", markup=False)
+                self.notify(f"something moves in front of {self._record.title(camera)}", markup=False)
             case Waiting(reason=reason):
                 keys = "◔ Space takes now, esc cancels; " if self._taking.is_waiting else f"◉ {of}: "
                 self._end_course(keys + reason)

@@ -89,7 +89,7 @@ class Stage(ContentSwitcher):
             write_border(self, "Live" if self.current == LIVE else None)
             return
         # A narrow window has room for the reason alone.
-        words = [f"Live · {printable(depth.problem) or f'depth of {printable(depth.camera)}'}"]
+        words = [f"Live · {printable(depth.problem) or f'depth of {self._record.title(depth.camera)}'}"]
         if not depth.problem:
             self._depths.append((self._record.clock(), depth.moving_confirmed))
             if len(self._depths) > 1:

@@ -172,15 +172,14 @@ def transfer_line(transfer: CameraTransfer, columns: int) -> Content:
     """
     done = transfer.received >= transfer.expected
     sign = " ✔" if done else " ✖" if transfer.problem else ""
-    name, numbers = (
-        f"{printable(transfer.camera):<8.12} ",
-        f" {transfer.received}/{transfer.expected}{sign}",
-    )
-    bar = max(1, min(BAR, columns - len(name) - len(numbers)))
+    short = Content(printable(transfer.label or transfer.camera)).truncate(12)
+    name = short.pad_right(max(0, 8 - short.cell_length) + 1)
+    numbers = f" {transfer.received}/{transfer.expected}{sign}"
+    bar = max(1, min(BAR, columns - name.cell_length - len(numbers)))
     filled = bar if done else bar * transfer.received // max(1, transfer.expected)
     style = "$success" if done else "$error" if transfer.problem else "$primary"
     return Content.assemble(
-        (name, "$foreground"),
+        name.stylize("$foreground"),
         ("█" * filled, style),
         ("░" * (bar - filled), "$foreground-muted"),
         numbers,

@@ -79,13 +79,13 @@ class BatchPlan:
                     name=name,
                     instant=instant,
                     condition=condition.name,
-                    offsets_ms=condition.offsets_ms(dataset.cameras, instant),
                     matcher=matcher,
                     time_shifts_ms=shifts,
                     splats=self.splats,
                 )
                 try:
-                    condition.check(dataset)
+                    own = condition.named(dataset)
+                    unit = replace(unit, offsets_ms=own.offsets_ms(dataset.cameras, instant))
                     chosen = dataset.nearest_instants(instant, unit.offsets_ms)
                 except BadInputError as error:
                     refused.append(unit_row(unit, error=str(error), exit_code=error.exit_code))

@@ -10,6 +10,7 @@ import numpy as np
 
 from capture_app.common.errors import BadInputError
 from capture_app.console.terminal import Progress
+from capture_app.session.format.camera_labels import require_camera
 from reconstruction.depth.calibrated_image import CalibratedImage
 from reconstruction.depth.rough_scene import RoughScene, find_rough_scene
 from reconstruction.depth.seen_moment import Moment, SeenView
@@ -126,7 +127,8 @@ def match_instant(
         BadInputError: no two cameras can measure depth.
     """
     shown = instants_shown(inputs.dataset, condition, instant)
-    usable, left_out = inputs.usable({c: k for c, k in shown.items() if c not in options.without})
+    without = {require_camera(text, inputs.dataset.labels, "--without") for text in options.without}
+    usable, left_out = inputs.usable({c: k for c, k in shown.items() if c not in without})
     progress.total = 1 + len(usable) + progress.later
     progress.step("the scene's range of depth")
     calibrated = {camera: image.calibrated for camera, image in usable.items()}

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from capture_app.common.errors import NotApplicableError
 from capture_app.common.optional_packages import load_optional, require_reconstruction
+from capture_app.session.format.camera_labels import require_camera
 from reconstruction.methods.multiview.multiview_options import MultiviewOptions
 from reconstruction.scene.conditions import Condition
 
@@ -61,7 +62,8 @@ class Multiview(MultiviewOptions, frozen=True, kw_only=True):
             require_reconstruction("open3d", "making meshes")
         if self.rrd:
             load_optional("rerun", "rerun", "the .rrd format")
-        return model_sequence(self.prepared(self.open_scene(sources[0], condition)), out, condition, self)
+        scene = self.open_scene(sources[0])
+        return model_sequence(self.prepared(scene), out, condition.named(scene.dataset), self)
 
     def save(self, scene: "Scene", condition: Condition, output: "OutputFolder") -> "MultiviewResult":
         """Compute depth, cloud and mesh of one instant; see `Method.save`."""
@@ -77,8 +79,8 @@ class Multiview(MultiviewOptions, frozen=True, kw_only=True):
         Raises:
             SimulshotError: there is no such calibration, or the session lacks a camera that is left out.
         """
-        for camera in self.without:
-            scene.dataset.session.camera(camera)
+        for text in self.without:
+            require_camera(text, scene.dataset.labels, "--without")
         if self.calibrated and scene.given is None:
             raise NotApplicableError(
                 "no valid calibration of this rig is known",

@@ -254,6 +254,7 @@ def model_sequence(
             folder.take_over(RECORDING)
         result = msgspec.structs.replace(
             _summary(scene, condition, matcher, every),
+            labels=dataset.other_labels,
             kept=len(earlier),
             masks=masks,
             files=folder.files,

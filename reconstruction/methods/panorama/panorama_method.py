@@ -64,7 +64,7 @@ class Panorama(Method, frozen=True, kw_only=True):
             scene,
             condition,
             scene.dataset.chosen_instants(self.listed_instants),
-            self.pair or scene.dataset.cameras,
+            scene.named_pair(self.pair) or scene.dataset.cameras,
             self.register_at,
         )
 

@@ -198,7 +198,7 @@ def session_input(
     Raises:
         BadInputError: the session lacks this instant, or its images in the condition.
     """
-    scene.check_pair(pair)
+    pair = scene.named_pair(pair)
     scene = scene.fitted(images=len(scene.dataset.cameras), bytes_per_pixel=CACHED_BYTES_PER_PIXEL)
     dataset = scene.dataset
     asked = pair or dataset.cameras

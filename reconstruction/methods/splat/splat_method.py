@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from capture_app.session.format.camera_labels import require_camera
 from reconstruction.methods.splat.splat_options import SplatOptions
 from reconstruction.scene.conditions import Condition
 
@@ -60,7 +61,8 @@ class SplatMethod(SplatOptions, frozen=True, kw_only=True):
 
         dataset = scene.dataset
         first, *_ = dataset.chosen_instants(self.listed_instants)
-        there = [c for c in scene.known_views if c not in self.without and dataset.has_image(c, first)]
+        without = {require_camera(text, dataset.labels, "--without") for text in self.without}
+        there = [c for c in scene.known_views if c not in without and dataset.has_image(c, first)]
         return "" if self.all_cameras else middle_camera({c: scene.views[c] for c in there})
 
     def run(self, scene: "Scene", condition: Condition) -> "Iterator[SplatMoment]":

@@ -221,7 +221,7 @@ def compute_stereo(
     dataset = scene.dataset
     dataset.require_cameras(2, "depth needs two that see the same from different places")
     progress.total = 3
-    scene.check_pair(asked)
+    asked = scene.named_pair(asked)
     progress.step("calibration")
     scene.calibration  # noqa: B018  (may take long, and may fail)
     progress.step("choosing cameras")

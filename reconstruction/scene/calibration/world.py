@@ -15,6 +15,7 @@ from capture_app.board.boards import MIN_CORNERS
 from capture_app.board.detector import Board, Corners
 from capture_app.common.errors import BadInputError
 from capture_app.session.format.calibration import Calibration
+from capture_app.session.format.camera_labels import require_camera
 from reconstruction.common.geometry import Array, View, angle_deg
 from reconstruction.scene.calibration.board_bundle import rig_from_board
 from reconstruction.scene.calibration.board_calibration import BoardCorners, corners_by_moment
@@ -38,17 +39,14 @@ WORLD_FROM_BOARD = np.diag([1.0, -1.0, -1.0])
 """Rotation from the board's axes (x right, y down, z into the floor) to the world's."""
 
 
-def marked_points(views: Mapping[str, View], marks: Marks) -> Array:
-    """Triangulate the two marked points, (2, 3) in the rig's frame.
+def marked_points(views: Mapping[str, View], marks: Marks, labels: Mapping[str, str] | None = None) -> Array:
+    """Triangulate the two marked points, (2, 3) in the rig's frame; `labels` is what people call the cameras.
 
     Raises:
         BadInputError: a camera is unknown, or its marks do not match those in the other images.
     """
-    if unknown := [name for name in marks if name not in views]:
-        raise BadInputError(
-            f"--mark {unknown[0]}=... cannot be used: {unknown[0]} is not among the calibrated cameras",
-            hint=f"mark the points in {' or '.join(views)}",
-        )
+    known = {name: (labels or {}).get(name, name) for name in views}
+    marks = {require_camera(text, known, "--mark"): at for text, at in marks.items()}
     if len(marks) < 2:
         raise BadInputError(
             "a distance needs its two ends marked in two cameras", hint="--mark CAMERA=X1,Y1,X2,Y2 for each"
@@ -61,13 +59,14 @@ def marked_points(views: Mapping[str, View], marks: Marks) -> Array:
         for which, error in zip(("first", "second"), reprojection_errors(view, ends, at), strict=True):
             if error > limit:
                 raise BadInputError(
-                    f"the {which} mark in {name} is {error:.0f} px from where the others' marks have it",
+                    f"the {which} mark in {known[name]} is {error:.0f} px from where the others' marks have"
+                    " it",
                     hint="mark the same two things, in the same order, in every camera",
                 )
     for end in ends:
         if max(angle_deg(end - a.centre, end - b.centre) for a, b in combinations(seen, 2)) < MIN_ANGLE_DEG:
             raise BadInputError(
-                f"{' and '.join(marks)} see the marks from nearly the same place",
+                f"{' and '.join(known[name] for name in marks)} see the marks from nearly the same place",
                 hint="mark them in cameras that stand further apart",
             )
     return ends
@@ -98,13 +97,13 @@ def in_world(calibration: Calibration, world: World, unit: str, how: str) -> Cal
     )
 
 
-def world_of_marks(views: Mapping[str, View], marks: Marks) -> World:
+def world_of_marks(views: Mapping[str, View], marks: Marks, labels: Mapping[str, str] | None = None) -> World:
     """Return the world with its origin at the first of two marked points and z towards the second.
 
     Raises:
         BadInputError: as `marked_points`.
     """
-    foot, head = marked_points(views, marks)
+    foot, head = marked_points(views, marks, labels)
     up = (head - foot) / np.linalg.norm(head - foot)
     first = next(iter(views.values()))
     # If it looks straight up or down, the top of its picture is ahead.

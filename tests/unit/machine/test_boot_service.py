@@ -122,3 +122,9 @@ def test_systemd_reads_it_as_it_is_meant(tmp_path: Path, monkeypatch: pytest.Mon
     done = subprocess.run([verifier, "verify", "--man=no", file], capture_output=True, text=True, check=False)
     assert "simulshot" not in done.stderr, done.stderr
     assert '"100 %% of \\"$$HOME\\" \\\\"\n' in file.read_text()
+
+
+def test_names_without_a_letter_of_ascii_are_services_of_their_own(log: Path) -> None:
+    for name in ("カメラ左", "カメラ右", "カメラ左"):
+        assert run(["node", "--name", name, *NODE[3:], "--at-boot", "--yes"]) == ExitCode.OK
+    assert len([*unit_of(log).parent.glob("simulshot-*.service")]) == 2

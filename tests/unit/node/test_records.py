@@ -20,18 +20,13 @@ OWN = TimeMap(
 )
 
 
-def record_of(time_map: TimeMap, name: str = "cam", label: str = "") -> CameraRecord:
+def record_of(time_map: TimeMap) -> CameraRecord:
     ready: FramesSelected[object] = FramesSelected(Trigger(0, 1, 1, 0, 1, 1), (), (), time_map, None)
-    return camera_record(name, make_facts(), ready, 0, 1000, label=label)
+    return camera_record("cam", make_facts(), ready, 0, 1000)
 
 
 def clock_of(time_map: TimeMap) -> ClockRecord | None:
     return record_of(time_map).clock
-
-
-def test_a_camera_is_called_as_its_owner_wrote_unless_that_is_its_name() -> None:
-    assert record_of(OWN, "Bohm", "Böhm").label == "Böhm"
-    assert record_of(OWN, "Bohm", "Bohm").label == ""
 
 
 def test_a_clock_is_recorded() -> None:

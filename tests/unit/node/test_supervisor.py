@@ -33,7 +33,7 @@ class StoppedClock:
 class Bench:
     """A camera under supervision, with its devices, clock and engine in the test's hands."""
 
-    def __init__(self) -> None:
+    def __init__(self, label: str = "") -> None:
         self.opened: asyncio.Queue[FakeCamera] = asyncio.Queue()
         self.next_facts = FACTS
         self.clock = StoppedClock()
@@ -42,7 +42,7 @@ class Bench:
         self.starts_ns: list[int] = []
         self.failures: list[str] = []
         self.wanted: list[CameraCommand] = []
-        options = NodeOptions(name="cam", open_camera=self._open, leaders=(), clock=self.clock)
+        options = NodeOptions(name="cam", label=label, open_camera=self._open, leaders=(), clock=self.clock)
         self.supervisor = CameraSupervisor(options, retry_s=0.0)
 
     async def start(self) -> None:
@@ -174,3 +174,10 @@ async def test_a_camera_that_falls_silent_is_opened_again(monkeypatch: pytest.Mo
     await started(await bench.next_camera())
     assert bench.failures == ["it delivers no frames any more (check its cable)", ""]
     running.cancel()
+
+
+async def test_what_its_owner_calls_it_is_among_its_facts() -> None:
+    bench = Bench(label="カメラ左")
+    await bench.start()
+    assert bench.supervisor.facts.label == "カメラ左"
+    await bench.supervisor.camera.stop()

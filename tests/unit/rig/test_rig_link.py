@@ -5,10 +5,13 @@ from contextlib import suppress
 from pathlib import Path
 
 import pytest
+from msgspec.structs import replace
 
+from capture_app.common.errors import BadInputError
 from capture_app.protocol.status import LogLine, Preview, RigStatus
-from capture_app.rig.rig_link import LinkLost, RigLink, Update
+from capture_app.rig.rig_link import LinkLost, RigLink, Update, camera_named
 from tests.cheap_rig import cheap_cameras, start_leader
+from tests.unit.tui.fake_rig import FakeRig
 from tests.waiting import time_limit, until
 
 pytestmark = pytest.mark.virtual
@@ -50,3 +53,18 @@ async def test_a_link_that_is_lost_opens_again_with_its_previews(tmp_path: Path,
     following.cancel()
     with suppress(asyncio.CancelledError):
         await following
+
+
+def test_a_person_means_a_camera_by_its_label_and_then_by_its_name() -> None:
+    nodes = FakeRig(4).status().nodes
+    labels = ("Böhm", "カメラ", "カメラ", "cam00")
+    called = [replace(n, camera=replace(n.camera, label=said)) for n, said in zip(nodes, labels, strict=True)]
+    rig = replace(FakeRig(4).status(), nodes=tuple(called))
+    names = [node.name for node in nodes]
+    assert rig.titles[names[1]] == f"カメラ ({names[1]})", "two are called so"
+    assert [camera_named(rig, text) for text in ("Bo\u0308hm", "BÖHM")] == [names[0]] * 2
+    assert camera_named(rig, "cam00") == names[3], "a label before another camera's name"
+    assert camera_named(rig, names[1]) == names[1]
+    assert camera_named(rig, "gone-7") == "gone-7", "the leader may know it from before"
+    with pytest.raises(BadInputError, match="the rig has no camera カメラ"):
+        camera_named(rig, "カメラ")

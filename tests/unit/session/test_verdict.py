@@ -15,6 +15,8 @@ from capture_app.session.format.manifest import (
     ImageRecord,
     Manifest,
     MissingImage,
+    SkippedFrame,
+    SkippedInstant,
     sync_record,
 )
 from capture_app.session.reading.verdict import (
@@ -23,6 +25,7 @@ from capture_app.session.reading.verdict import (
     describe_displacement,
     grade_of,
     judge,
+    skipped_text,
 )
 
 from .conftest import camera_record
@@ -258,3 +261,32 @@ def test_times_that_the_pictures_told_are_right_whatever_the_stamps_are() -> Non
     aligned = CommonTimes(state="aligned", cameras={})
     told = judge(replace(mixed, burst=replace(mixed.burst, common_times=aligned)))
     assert told.spread_error_ns == 300 * US
+
+
+def test_words_about_a_take_call_cameras_as_their_owners() -> None:
+    labelled = replace(CAMERAS[1], facts=replace(CAMERAS[1].facts, label="カメラ右"))
+    gone = tuple(MissingImage(camera="right", instant=k, reason="no room") for k in (0, 1))
+    whole = take(image("left", 0, 0), image("left", 1, 0), missing=gone)
+    one = replace(whole, cameras=(CAMERAS[0], labelled))
+    assert "カメラ右 missing: no image came" in judge(one).headline
+    assert (
+        "left, カメラ右: no room"
+        in judge(replace(one, images=(), missing=(replace(gone[0], camera="left"), *gone))).headline
+    )
+    absent = AbsentCamera(name="Bohm", reason="lost 5 s before", label="Böhm")
+    lacking = replace(one, burst=replace(one.burst, absent=(absent,)))
+    assert "Böhm missing: lost 5 s before" in judge(lacking).headline
+    assert judge(replace(lacking, images=(), missing=())).headline == "not taken: Böhm: lost 5 s before"
+    skipped = SkippedInstant(
+        leader_ns=0,
+        missing=(
+            SkippedFrame(camera="right", reason="", dropped=True),
+            SkippedFrame(camera="x", reason="late"),
+        ),
+    )
+    assert skipped_text((skipped,), one.labels) == "1 instant skipped: カメラ右 dropped 1 frame, x: late"
+    hall, unsure = measured("hall", ""), measured("right", "hall")
+    called = [replace(one, facts=replace(one.facts, label=f"カメラ {one.name}")) for one in (hall, unsure)]
+    assert judge(take_of(*called)).stamps.startswith(
+        "stamp error of カメラ right not measured except against カメラ hall"
+    )

@@ -45,7 +45,7 @@ const SHOW = {
     const here = new Set(rig.cameras.map(camera => camera.name));
     for (const [name, tile] of tiles) if (!here.has(name)) { tile.box.remove(); tiles.delete(name); }
     for (const [place, camera] of rig.cameras.entries()) {
-      const tile = tiles.get(camera.name) || addTile(camera.name);
+      const tile = tiles.get(camera.name) || addTile(camera);
       tile.camera = camera;
       tile.box.className = `camera ${camera.state}${closeUp === camera.name ? " close" : ""}`;
       tile.box.title = camera.message;
@@ -87,12 +87,12 @@ const SHOW = {
 
 // Cameras
 
-function addTile(name) {
+function addTile({name, title}) {
   const box = document.createElement("button"), canvas = document.createElement("canvas"), line = document.createElement("p");
   const label = document.createElement("span"), said = document.createElement("span");
   box.type = "button";
   label.className = "name";
-  label.textContent = name;
+  label.textContent = title;
   said.className = "said";
   line.append(label, said);
   box.append(canvas, line);

@@ -228,13 +228,18 @@ def _blender(layout: _Layout, instants: list[int]) -> PointCloud:
     """Write D-NeRF's images, transforms_train.json and, of the first camera, transforms_test.json."""
     first = next(iter(layout.lenses))
     frames: dict[str, list[dict[str, object]]] = {}
-    last = max(len(instants) - 1, 1)
+    times_ns = [layout.burst.instants_ns[instant] for instant in instants]
+    lasts_ns = max(times_ns[-1] - times_ns[0], 1)
     for camera, lens in layout.lenses.items():
-        for frame, instant in enumerate(instants):
+        for at_ns, instant in zip(times_ns, instants, strict=True):
             file = f"train/{layout.names[camera]}_{instant:06d}"
             layout.put(camera, instant, file)
             matrix = opengl_pose(lens).tolist()
-            entry = {"file_path": f"./{file}", "time": frame / last, "transform_matrix": matrix}
+            entry = {
+                "file_path": f"./{file}",
+                "time": (at_ns - times_ns[0]) / lasts_ns,
+                "transform_matrix": matrix,
+            }
             frames.setdefault(camera, []).append(entry)
     angle = {"camera_angle_x": 2 * math.atan(_DNERF_PX / (2 * layout.lenses[first].fx))}
     parts = {"train": [one for of in frames.values() for one in of], "test": frames[first]}

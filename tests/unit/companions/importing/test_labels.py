@@ -143,7 +143,7 @@ def test_a_name_that_is_its_folders_has_no_label(tmp_path: Path) -> None:
     session, _ = imported(shoot(tmp_path / "shoot", ("left", "right")), fps=30.0)
     text = (session.folder / MANIFEST).read_text()
     assert "label" not in json.loads(text)
-    assert all("label" not in camera for camera in json.loads(text)["cameras"])
+    assert all("label" not in camera["facts"] for camera in json.loads(text)["cameras"])
 
 
 def test_a_session_that_exists_is_refused_before_anything_is_aligned(

@@ -53,6 +53,17 @@ def test_images_are_of_one_instant_again(
         assert frames_at(repaired, k) == {"L": k} | ({"R": k} if k in shown else {})
 
 
+def test_a_session_and_its_cameras_are_called_as_before(tmp_path: Path) -> None:
+    for camera in ("Böhm", "カメラ"):
+        (tmp_path / "r" / camera).mkdir(parents=True)
+        for number, frame in enumerate((0, 1, 2, 4, 5, 6)):
+            (tmp_path / "r" / camera / f"{number}.jpg").write_bytes(jpeg(frame))
+    session = import_one([str(tmp_path / "r")], tmp_path, "歩く", ImportOptions(fps=10))
+    repaired = repair_drops(session, {session.manifest.cameras[1].name: [(3, 1)]})
+    assert repaired.manifest.label == "歩く"
+    assert repaired.manifest.labels == session.manifest.labels
+
+
 def test_a_captured_session_keeps_its_times(session: Session) -> None:
     with pytest.raises(NotApplicableError, match="was not imported"):
         repair_drops(session, {})

@@ -12,8 +12,9 @@ from msgspec.structs import replace
 from capture_app.common.errors import BadInputError
 from capture_app.common.timeouts import CAMERA_DISCONNECTED_NS, CAMERA_STALLED_NS, MIN_UPLOAD_BYTES_PER_S
 from capture_app.node.burst.burst_session import BurstSession
+from capture_app.node.burst.plans import burst_record, result_text
 from capture_app.node.leader.bursts import create_numbered
-from capture_app.session.format.manifest import MissingImage, PhaseRecord
+from capture_app.session.format.manifest import AbsentCamera, MissingImage, PhaseRecord
 from capture_app.session.library.listing import list_sessions
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
@@ -233,3 +234,19 @@ def test_numbers_of_sessions_are_never_used_twice(tmp_path: Path) -> None:
     writer, number = create_numbered(tmp_path, after=11)
     assert (writer.name, number) == ("burst-012", 12)
     writer.abort()
+
+
+async def test_people_read_what_owners_call_the_cameras(tmp_path: Path) -> None:
+    facts = {name: replace(CAMERA, label=label) for name, label in (("Bohm", "Böhm"), ("cam1", "カメラ"))}
+    burst = Burst(1, INSTANTS_NS, PERIOD_NS, INSTANTS_NS[0], tuple(facts))
+    absent = {"cam2": AbsentCamera(name="cam2", reason="no room", label="左")}
+    session = BurstSession.begin(burst, facts, SessionWriter.create(tmp_path, "b"), DISK, absent=absent)
+    assert {part.camera: part.label for part in session.status.transfer} == {
+        "Bohm": "Böhm",
+        "cam1": "カメラ",
+        "cam2": "左",
+    }
+    assert session.status.message == "without 左: no room"
+    gap = MissingImage(camera="cam1", instant=1, reason="dropped it")
+    titles = {"cam1": "カメラ"}
+    assert result_text(burst_record(burst), [gap], titles) == "1 image missing (カメラ: dropped it)"

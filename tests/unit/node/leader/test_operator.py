@@ -223,3 +223,24 @@ async def test_the_log_takes_few_lines_about_one_node_and_cuts_long_ones() -> No
     assert about == {"cam1": MAX_LINES_A_NODE, "cam2": MAX_LINES_A_NODE, "b": 1}
     assert sum(map(len, shown)) < 2 * MAX_LINES_A_NODE * 1000 + 100
     assert any("left out" in line for line in shown)
+
+
+def test_the_log_calls_nodes_as_their_owners() -> None:
+    shown: list[str] = []
+    log = Log(shown.append)
+    log.title_of = {"Bohm": "Böhm"}.__getitem__
+    log.note(NodeChanged("Bohm", "joined"))
+    log.note(NodeChanged("Bohm", "moved", where="hall"))
+    log.note(NodeChanged("Bohm", "lost", "it left"))
+    log.note(TriggerAnswered("Bohm", 1, "no clock"))
+    log.note(HostOffRate("Bohm", 210.0))
+    log.say_of_disk("Bohm", "is full")
+    assert shown == [
+        "Böhm joined",
+        "Böhm is now connected to hall",
+        "lost Böhm: it left",
+        "burst 1: without Böhm: no clock",
+        "the clock of Böhm runs 210 ppm fast against all others: its NTP daemon is slewing it,"
+        " or it is a virtual machine",
+        "Böhm: is full",
+    ]

@@ -14,7 +14,7 @@ from tests.unit.reconstruction.conftest import Reconstruct
     ("asked", "code", "words"),
     [
         (("--offset-ms", "900"), 3, "largest offset possible is 133 ms"),
-        (("--stereo-pair", "left,nobody"), 3, "no camera 'nobody'"),
+        (("--stereo-pair", "left,nobody"), 3, "names nobody, which the recording lacks"),
         (("--stereo-pair", "left,left"), 3, "paired with itself"),
         (("--stereo-pair", "left"), 2, "two cameras with a comma"),
         (("--offset-ms", "soon"), 2, "soon"),

@@ -93,7 +93,7 @@ def test_a_pair_sees_the_difference_of_its_offsets_in_either_direction(boards: S
 @pytest.mark.parametrize(
     ("text", "code", "words"),
     [
-        ("left=66,nobody=0", 3, "no camera 'nobody'"),
+        ("left=66,nobody=0", 3, "names nobody, which the recording lacks"),
         ("66,33", 3, "2 offsets for 3 cameras"),
         ("left", 2, "cam00=0"),
         ("left=soon", 2, "cam00=0"),

@@ -89,5 +89,5 @@ def test_an_unknown_camera_is_refused_in_one_line(
 ) -> None:
     done = reconstruct("tolerance", boards.folder, "--pair", "left,nobody", "--out", tmp_path / "out")
     assert done.code == 3
-    assert "no camera 'nobody'" in done.complaint
+    assert "names nobody, which the recording lacks" in done.complaint
     assert not (tmp_path / "out").exists()

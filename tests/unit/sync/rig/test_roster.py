@@ -3,6 +3,7 @@
 import random
 
 import pytest
+from msgspec import structs
 
 from capture_app.common.camera_facts import PhaseControl
 from capture_app.common.errors import BadInputError
@@ -277,3 +278,22 @@ def test_cameras_of_one_machine_alone_align_nothing() -> None:
         member, _ = members.admit(hello, ("cam", number), 0)
         member.report = Report(state=NodeState.READY)
         assert members.is_ready() is is_ready
+
+
+def test_a_refusal_names_cameras_as_their_owners(leader: Leader) -> None:
+    first = Hello("Bohm", 1, make_facts(period_ns=USUAL_NS, label="Böhm"))
+    leader.receive_datagram(encode(first), ("a", 0), S)
+    assert leader.roster.title("Bohm") == "Böhm"
+    assert leader.roster.title("other") == "other"
+    same = structs.replace(first, instance=2)
+    assert "another camera named Böhm is here" in leader.roster.refusal(same)
+    plain = structs.replace(same, camera=make_facts(period_ns=USUAL_NS))
+    assert leader.roster.refusal(plain).startswith("Böhm is here, and Bohm would be the same folder")
+    other_case = structs.replace(plain, name="BOHM")
+    assert leader.roster.refusal(other_case).startswith("Böhm is here, and BOHM would be the same folder")
+
+
+def test_a_label_is_printable_as_a_message_brings_it() -> None:
+    hello = decode(encode(Hello("a", 1, make_facts(label="カメラ\x1b[2J"))))
+    assert isinstance(hello, Hello)
+    assert hello.camera.label == "カメラ\ufffd[2J"

@@ -12,6 +12,7 @@ from capture_app.protocol.pairing_messages import Invite
 from capture_app.tui.rig.camera_list import CameraList, CameraRows
 from capture_app.tui.rig.guide_screens import large
 from capture_app.tui.rig_record import RigRecord
+from tests.facts import make_facts
 from tests.unit.tui.driving import lines, make_app, running, settle, text, toasts
 from tests.unit.tui.fake_rig import FakeRig, make_node
 
@@ -66,12 +67,12 @@ async def test_why_a_camera_failed_is_in_place_of_its_strip() -> None:
 
 async def test_cameras_below_a_relay_are_a_tree() -> None:
     rig = FakeRig(1)
-    rig.nodes += (make_node("aaa", parent="cam00", depth=2),)
+    rig.nodes += (make_node("aaa", parent="cam00", depth=2, camera=make_facts(label="カメラ左")),)
     app = make_app(rig)
     async with running(app):
         first, second = (line for line in lines(app, ROWS) if "ready" in line)
         assert "cam00" in first
-        assert "└ aaa" in second
+        assert "└ カメラ左" in second, "as its owner wrote"
 
 
 async def test_keys_and_clicks_choose_a_camera_and_scroll_to_it() -> None:

@@ -531,3 +531,6 @@ def test_a_bar_leaves_its_numbers_on_its_line() -> None:
         assert line.cell_length <= columns
         assert line.plain.endswith(" 1234/1800")
     assert transfer_line(transfer, 60).plain.count("█") == 6
+    wide = transfer_line(replace_fields(transfer, label="カメラ左を見る"), 25)
+    assert wide.plain.startswith("カメラ左を見 ")
+    assert wide.cell_length <= 25

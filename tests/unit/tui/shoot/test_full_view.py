@@ -17,6 +17,7 @@ from capture_app.tui.shoot.preview_grid import PreviewGrid
 from capture_app.tui.widgets.focus_aids import sharpness
 from capture_app.tui.widgets.lines import Lines
 from capture_app.tui.widgets.picture import Picture
+from tests.facts import make_facts
 from tests.unit.tui.shoot.studio import Studio, ready_rig
 
 
@@ -58,6 +59,19 @@ async def test_a_camera_is_opened_and_left(tmp_path: Path) -> None:
         assert studio.wishes[-2][2] == 0.0
         assert studio.wishes[-1] == (None, 128, 2.5), "the previews of all are asked for again"
         assert studio.view.stage.grid.tiles[1].title.startswith("▸")
+
+
+async def test_a_camera_is_called_as_its_owner_wrote(tmp_path: Path) -> None:
+    studio = Studio(ready_rig(2), tmp_path)
+    studio.rig.change("cam00", camera=make_facts(label="カメラ左"))
+    async with studio.app.run_test(size=(100, 30)) as pilot:
+        finder = await open_first(studio, pilot)
+        assert studio.wishes[-1][0] == ("cam00",), "by its name it is known"
+        assert text(finder, ".title").startswith("カメラ左 · ● ready")
+        await pilot.press("b")
+        await studio.settle(pilot)
+        assert "blinking カメラ左 ↔ cam01" in text(finder, ".title")
+        assert "カメラ左" in studio.view.stage.grid.tiles[0].title
 
 
 async def test_pictures_that_come_faster_than_they_are_measured_are_shown(

@@ -13,6 +13,7 @@ import pytest
 from capture_app.common.errors import BadInputError, ExitCode
 from capture_app.session.reading.reader import Session
 from reconstruction.common.geometry import Array, View
+from reconstruction.common.image_files import read_image
 from reconstruction.common.worker_pool import worker_pool
 from reconstruction.depth.backdrop import find_backdrop
 from reconstruction.depth.seen_moment import SeenInstant
@@ -34,8 +35,9 @@ from reconstruction.methods.splat.gaussians import (
 from reconstruction.methods.splat.optimization import add_slopes, optimize
 from reconstruction.methods.splat.splat_method import SplatMethod
 from reconstruction.methods.splat.splat_run import _with_learned, middle_camera, optimize_moments
+from reconstruction.scene.moving_pixels import write_masks
 from reconstruction.scene.scene import Scene
-from tests.unit.reconstruction.conftest import Reconstruct
+from tests.unit.reconstruction.conftest import PERIOD_NS, Reconstruct
 from tests.unit.reconstruction.depth.moments import BOARD_M, FOCAL, WALL_M, moment, seen, view_at
 from tests.unit.reconstruction.depth.test_backdrop import before_blue, board_before_blue
 
@@ -280,6 +282,17 @@ def test_masks_are_paired_with_cameras_by_their_labels(boards: Session, tmp_path
     assert (read_mask(scene, str(tmp_path), camera, 0) == (mask > 0)).all()
     with pytest.raises(BadInputError, match=r"000001\.png is missing"):
         read_mask(scene, str(tmp_path), camera, 1)
+
+
+def test_a_mask_is_of_an_image_wherever_that_is_assigned(boards: Session, tmp_path: Path) -> None:
+    """Masks have the names of the session's files, which corrected times do not change."""
+    write_masks(Scene.open(boards.folder).motion, tmp_path / "masks")
+    shifted = Scene.open(boards.folder, {"right": PERIOD_NS / 1e6})
+    own = read_image(tmp_path / "masks" / "right" / "000002.png")[..., 0] > 127
+    assert (read_mask(shifted, str(tmp_path / "masks"), "right", 3) == own).all()
+    write_masks(shifted.motion, tmp_path / "again")
+    names = sorted(path.name for path in (tmp_path / "again" / "right").iterdir())
+    assert names == [f"{k:06d}.png" for k in range(4)]
 
 
 @pytest.mark.parametrize(

@@ -81,7 +81,7 @@ def test_two_points_and_a_distance_set_the_scale(session: Path, reconstruct: Rec
     [
         ((mark("left"),), "marked in two cameras"),
         ((mark("left"), mark("right", 40.0)), "px from where the others' marks have it"),
-        ((mark("left"), "nobody=1,2,3,4"), "--mark nobody=... cannot be used"),
+        ((mark("left"), "nobody=1,2,3,4"), "--mark names nobody, which the recording lacks"),
     ],
 )
 def test_marks_that_do_not_meet_are_refused(

@@ -34,7 +34,9 @@ from capture_app.session.importing.recording_sources import (
 from capture_app.session.importing.views import Views
 
 GROUP = "simulshot.importers"
-CALIBRATION = re.compile(r"calib|intrinsic|extrinsic|board|checker|charuco", re.IGNORECASE)
+CALIBRATION = re.compile(
+    r"calib|intrinsic|extrinsic|board|checker|charuco|camera_(parameters|matrix)", re.IGNORECASE
+)
 _COPIES = re.compile(r"(^|/)(@eadir|thumb(nail)?s?|previews?|prox(y|ies))(/|$)", re.IGNORECASE)
 CameraFiles = tuple[str, Path, list[Path]]
 """Label and path of a camera, and its files if the folder has those of other cameras."""

@@ -72,15 +72,41 @@ def test_what_is_not_used_is_one_line(tmp_path: Path, make_images: Callable[...,
 
 
 def test_a_calibration_that_nobody_reads_is_named_with_what_to_do(tmp_path: Path) -> None:
-    for camera in ("cam0", "cam1"):
-        images(tmp_path / "mav0" / camera / "data")
-        (tmp_path / "mav0" / camera / "sensor.yaml").write_text("sensor_type: camera\n")
-    _, said = found(tmp_path / "mav0")
+    for camera in ("Camera_B1", "Camera_B2"):
+        images(tmp_path / "CoreView" / camera)
+    (tmp_path / "CoreView" / "annots.npy").touch()
+    _, said = found(tmp_path / "CoreView")
     (line,) = (line for line in said.splitlines() if line.startswith("calibration: "))
-    assert line.startswith(
-        f"calibration: {Path('cam1', 'sensor.yaml')} is of EuRoC (intrinsics, T_BS), which is not read"
-    )
+    assert line.startswith("calibration: annots.npy is of ZJU-MoCap (cams), which is not read")
     assert "or calibrate the session" in line
+
+
+@pytest.mark.parametrize(
+    ("cameras", "file", "given"),
+    [
+        ("MH_01/mav0/cam0/data MH_01/mav0/cam1/data", "MH_01/mav0/cam0/sensor.yaml", "MH_01"),
+        ("mav0/cam0/data mav0/cam1/data", "mav0/cam0/sensor.yaml", "mav0"),
+        ("day/drive/image_02/data day/drive/image_03/data", "day/calib_cam_to_cam.txt", "day/drive"),
+        ("day/drive/image_02/data day/drive/image_03/data", "day/calib_cam_to_cam.txt", "day"),
+        ("00/image_0 00/image_1", "00/calib.txt", "00"),
+        ("171204/hdImgs/00_00 171204/hdImgs/00_01", "171204/calibration_171204.json", "171204"),
+        ("rec/cam0 rec/cam1", "rec/camera_parameters/rot_trans_c0.dat", "rec"),
+        ("fern/cam00 fern/cam01", "fern/poses_bounds.npy", "fern"),
+    ],
+)
+def test_calibrations_of_data_sets_are_found_where_these_have_them(
+    cameras: str, file: str, given: str, tmp_path: Path
+) -> None:
+    for camera in cameras.split():
+        images(tmp_path / camera)
+    (tmp_path / file).parent.mkdir(parents=True, exist_ok=True)
+    (tmp_path / file).write_text("no numbers")
+    _, said = found(tmp_path / given)
+    beside, used = find_calibration(tmp_path / given)
+    assert beside is not None
+    assert f"calibration: {beside} is not taken: " in said
+    assert Path(file).name not in said.partition("calibration: ")[0], "not used, and tried"
+    assert used
 
 
 def test_both_files_of_a_calibration_beside_are_used(tmp_path: Path) -> None:

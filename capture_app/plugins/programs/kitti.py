@@ -1,4 +1,4 @@
-"""KITTI's calibrations: calib_cam_to_cam.txt of its raw drives, and calib.txt of its odometry.
+"""KITTI's calibrations: calib_cam_to_cam.txt of its raw drives, calib.txt of its odometry, KITTI-360's.
 
 According to Geiger et al. 2013, "Vision meets Robotics: The KITTI Dataset", in metres: P_rect_0i (odometry:
 Pi) takes points of the rectified frame of camera 0 to the pixels of rectified camera i, and R_rect_00 takes
@@ -56,7 +56,11 @@ def read_calibration(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) 
 
 IMPORTER = Importer(
     program="KITTI",
-    help="the calib_cam_to_cam.txt of a raw drive, in or above it, or odometry's calib.txt, as a calibration",
+    help="calib_cam_to_cam.txt in or above a raw drive, calib.txt or perspective.txt, as a calibration",
     read_calibration=read_calibration,
-    calibration_files=("calib_cam_to_cam.txt", "../calib_cam_to_cam.txt", "calib.txt"),
+    # Its archives unpack a drive and its calibration into one folder, or each into its own.
+    calibration_files=(
+        *("calib_cam_to_cam.txt", "../calib_cam_to_cam.txt", "*/calib_cam_to_cam.txt"),
+        *("calib.txt", "perspective.txt"),
+    ),
 )

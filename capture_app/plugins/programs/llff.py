@@ -13,14 +13,32 @@ from pathlib import Path
 import numpy as np
 
 from capture_app.common.errors import BadInputError
+from capture_app.common.names import label_of
 from capture_app.session.files.untrusted_files import read_input, rejecting
 from capture_app.session.format.lens import Array
-from capture_app.session.importing.importer import Importer
+from capture_app.session.importing.importer import Importer, open_cameras
+from capture_app.session.importing.recording_sources import Layout, images_in
 from capture_app.session.importing.views import EXPORT_AGAIN, View, Views, pinhole
 
 MAX_BYTES = 1 << 20
 """Maximum size of a file, bytes; a camera has 136."""
 _COLUMNS = 17
+_POSES = "poses_bounds.npy"
+
+
+def open_recording(path: Path, *, png: bool, recording: str | None) -> Layout | None:
+    """Open a scene with a row for each of its images: each is a camera of one instant."""
+    source, place = path / _POSES, path / "images"
+    files = sorted(images_in(place)) if source.is_file() and place.is_dir() else []
+    if len(files) < 2 or len(_read_rows(source)) != len(files):
+        return None
+    cameras = open_cameras([(label_of(file.stem), file, []) for file in files])
+    return Layout(
+        path=place,
+        sources=tuple(cameras),
+        calibration=source,
+        notes=[f"each of {len(files)} images is a camera of one instant"],
+    )
 
 
 def read_calibration(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) -> Views | None:
@@ -62,7 +80,8 @@ def _read_rows(path: Path) -> Array:
 
 IMPORTER = Importer(
     program="LLFF, Neural 3D Video",
-    help="poses_bounds.npy as a calibration",
+    help="a scene's images, one a camera, with poses_bounds.npy; this as a calibration",
+    open_recording=open_recording,
     read_calibration=read_calibration,
-    calibration_files=("poses_bounds.npy",),
+    calibration_files=(_POSES,),
 )

@@ -271,7 +271,8 @@ def _refuse(recording: _Recording) -> _Made:
         )
     raise BadInputError(
         f"the images of {names} have no times",
-        hint="add their rate, --fps, or a table, --timestamps; if they have times in EXIF: --times exif",
+        hint="add their rate, --fps, or a table, --timestamps; if equal numbers are of one instant: "
+        "--synchronized; if they have times in EXIF: --times exif",
     )
 
 

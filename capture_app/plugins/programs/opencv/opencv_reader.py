@@ -222,7 +222,10 @@ IMPORTER = Importer(
     program="OpenCV, MATLAB",
     help="a calibration's .npz, .yml, .xml or .mat of a camera or a pair, or a folder of these",
     read_calibration=read_calibration,
-    calibration_files=("*calib*.npz", "*calib*.yml", "*calib*.xml", "Calib_Results_stereo.mat"),
+    calibration_files=(
+        *("*calib*.npz", "*calib*.yml", "*calib*.xml", "Calib_Results_stereo.mat"),
+        *("intrinsics.yml", "extrinsics.yml"),
+    ),
     calibration_per_camera=True,
     priority=-4,
 )

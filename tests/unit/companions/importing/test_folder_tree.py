@@ -62,6 +62,17 @@ def test_kinds_of_images_are_not_takes(tmp_path: Path) -> None:
         takes_in(tmp_path / "rec")
 
 
+def test_smaller_copies_of_images_are_no_camera(tmp_path: Path) -> None:
+    for place in ("images", "images_4", "images_8"):
+        images(tmp_path / "rec" / place)
+    cameras, said = found(tmp_path / "rec")
+    assert cameras == [["images"]]
+    assert "not used: images_4: 3 .jpg, images_8: 3 .jpg" in said
+    (tmp_path / "rec" / "images").rename(tmp_path / "rec" / "images_2")
+    takes, _ = takes_in(tmp_path / "rec")
+    assert [label for label, *_ in takes[""]] == ["images_2", "images_4", "images_8"]
+
+
 def test_what_is_not_used_is_one_line(tmp_path: Path, make_images: Callable[..., Path]) -> None:
     folder = make_images("left", ["0.jpg"]).parent
     for name in ("sensor.txt", "notes.txt", ".DS_Store", *(f"{n}.dat" for n in range(4))):

@@ -17,7 +17,10 @@ from capture_app.common.errors import BadInputError
 from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.lens import lens_of, rotation_of, translation_of
 from capture_app.session.importing.calibrations import fit_calibration, read_views
+from capture_app.session.importing.importer import recognize_recording
+from capture_app.session.importing.views import View
 from tests.unit.plugins.programs.known_rig import POINTS, Array, D, lens, pose
+from tests.unit.session.conftest import jpeg
 
 POINTS_FAR = POINTS * [4.0, 2.0, 4.0]
 
@@ -314,6 +317,26 @@ def test_llffs_poses(tmp_path: Path) -> None:
         away = POINTS.T - c2w[:, 3:]
         rays, away = rays / np.linalg.norm(rays, axis=0), away / np.linalg.norm(away, axis=0)
         np.testing.assert_allclose(rays, away, atol=1e-6)
+
+
+def test_a_scene_of_llff_is_a_camera_an_image(tmp_path: Path) -> None:
+    """Rows and images are in the order of the files' names; smaller copies lie beside."""
+    for place in ("images", "images_4"):
+        (tmp_path / place).mkdir()
+        for n in (9, 10):
+            (tmp_path / place / f"IMG_{n}.jpg").write_bytes(jpeg(n))
+    np.save(tmp_path / "poses_bounds.npy", np.arange(3 * 17).reshape(3, 17))
+    assert recognize_recording(tmp_path) is None
+    np.save(tmp_path / "poses_bounds.npy", np.arange(2 * 17).reshape(2, 17))
+    layout = recognize_recording(tmp_path)
+    assert layout is not None
+    assert [(source.label, len(source.numbers)) for source in layout.sources] == [("IMG_9", 1), ("IMG_10", 1)]
+    assert layout.calibration == tmp_path / "poses_bounds.npy"
+    views = read_views([("", layout.calibration)], [source.name for source in layout.sources])
+    assert [(name, view.size) for name, view in views.cameras.items() if isinstance(view, View)] == [
+        ("IMG_10", (9, 4)),
+        ("IMG_9", (26, 21)),
+    ]
 
 
 @pytest.mark.parametrize(

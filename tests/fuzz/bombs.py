@@ -136,6 +136,7 @@ BOMBS: dict[str, dict[str, Callable[[], bytes]]] = {
         "lines": lambda: b"".join(b"k%d: 1\n" % n for n in range(1_000_000)),
         "numbers": lambda: b"P0: " + b"1 " * 8_000_000,
     },
+    "calibration-handpose3d": {"spaces": lambda: b"R:" + b" " * 16_000 + b"x"},
     "calibration-llff": {
         "shape": lambda: (
             b"\x93NUMPY\x01\x00\x76\x00"

@@ -17,9 +17,8 @@ from capture_app.session.importing.views import View, Views, numbers, rotation_o
 
 MAX_BYTES = 1 << 14
 """Maximum size of a file, bytes."""
-_FOLDER = "camera_parameters"
 _FILE = re.compile(r"(?:rot_trans_)?c(\d+)|camera(\d+)_(?:intrinsics|rot_trans)")
-_TABLE = re.compile(r"^(\w+):\s+([-+\d.eE \r\n]+)$", re.MULTILINE)
+_TABLE = re.compile(r"^(\w+):\s+([-+\d.][-+\d.eE\s]*)$", re.MULTILINE)
 _KEYS = {"intrinsic": (9,), "distortion": (4, 5), "R": (9,), "T": (3,)}
 
 
@@ -30,7 +29,6 @@ def read_calibration(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) 
     """
     path = paths[0][1]
     folder = path if path.is_dir() else path.parent
-    folder = folder / _FOLDER if (folder / _FOLDER).is_dir() else folder
     tables = dict[int, dict[str, list[str]]]()
     for file in sorted(folder.glob("*.dat")) if path.is_dir() or path.suffix == ".dat" else ():
         if match := _FILE.fullmatch(file.stem):

@@ -21,35 +21,36 @@ MAX_LETTERS = 1 << 16
 
 
 def read_calibration(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) -> Views | None:
-    """Read a calibration of cameras image_0 to image_3; the images' size says whether they are rectified.
+    """Read a calibration of image_00 to image_03, or image_0 to image_3 (odometry).
 
-    Raises BadInputError, with the key, if it is malformed.
+    The images' size says whether they are rectified. Raises BadInputError, with the key, if it is malformed.
     """
     path = paths[0][1]
     is_text = path.suffix.lower() == ".txt" and path.is_file()
     text = read_text(path, encoding="latin-1")[:MAX_LETTERS] if is_text else ""
     content = {key: values.split() for key, values in re.findall(r"(?m)^(\w+):[ \t]*(\S.*)$", text)}
     where, keys = str(path), [key for key in content if re.fullmatch(r"P(_rect_0)?\d", key)]
-    identity = {"R_rect_00": np.eye(3)}
     views = {}
     for key in keys:
-        camera, matrix = key[-1], numbers(where, content, key, 12).reshape(3, 4)
-        raw = None
-        if is_raw := key != f"P{camera}":
-            raw = View(
+        camera, matrix, is_raw = key[-1], numbers(where, content, key, 12).reshape(3, 4), "_rect_" in key
+        unrectified = (
+            View(
                 matrix=numbers(where, content, f"K_0{camera}", 9).reshape(3, 3),
                 distortion=numbers(where, content, f"D_0{camera}", 5),
                 rotation=numbers(where, content, f"R_0{camera}", 9).reshape(3, 3),
                 translation=numbers(where, content, f"T_0{camera}", 3),
                 size=size_of(where, content, f"S_0{camera}"),
             )
-        views[f"image_{camera}"] = View(
+            if is_raw
+            else None
+        )
+        views[f"image_0{camera}" if is_raw else f"image_{camera}"] = View(
             matrix=matrix[:, :3],
             distortion=np.zeros(5),
-            rotation=numbers(where, identity | content, "R_rect_00", 9).reshape(3, 3),
+            rotation=numbers(where, {"R_rect_00": np.eye(3)} | content, "R_rect_00", 9).reshape(3, 3),
             translation=np.linalg.pinv(matrix[:, :3]) @ matrix[:, 3],
             size=size_of(where, content, f"S_rect_0{camera}") if is_raw else None,
-            unrectified=raw,
+            unrectified=unrectified,
         )
     return Views(views, path.name, "m") if views else None
 

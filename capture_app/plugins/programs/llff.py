@@ -13,10 +13,9 @@ from pathlib import Path
 import numpy as np
 
 from capture_app.common.errors import BadInputError
-from capture_app.common.names import label_of
 from capture_app.session.files.untrusted_files import read_input, rejecting
 from capture_app.session.format.lens import Array
-from capture_app.session.importing.importer import Importer, open_cameras
+from capture_app.session.importing.importer import Importer, open_images
 from capture_app.session.importing.recording_sources import Layout, images_in
 from capture_app.session.importing.views import EXPORT_AGAIN, View, Views, pinhole
 
@@ -29,15 +28,14 @@ _POSES = "poses_bounds.npy"
 def open_recording(path: Path, *, png: bool, recording: str | None) -> Layout | None:
     """Open a scene with a row for each of its images: each is a camera of one instant."""
     source, place = path / _POSES, path / "images"
-    files = sorted(images_in(place)) if source.is_file() and place.is_dir() else []
-    if len(files) < 2 or len(_read_rows(source)) != len(files):
+    count = len(images_in(place)) if source.is_file() and place.is_dir() else 0
+    if count < 2 or len(_read_rows(source)) != count:
         return None
-    cameras = open_cameras([(label_of(file.stem), file, []) for file in files])
     return Layout(
         path=place,
-        sources=tuple(cameras),
+        sources=tuple(open_images(place)),
         calibration=source,
-        notes=[f"each of {len(files)} images is a camera of one instant"],
+        notes=[f"each of {count} images is a camera of one instant"],
     )
 
 

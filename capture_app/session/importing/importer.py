@@ -163,6 +163,11 @@ def open_cameras(
     return sources
 
 
+def open_images(folder: Path) -> list[Source]:
+    """Open the images of a folder as cameras of one instant, named as they are; see `open_cameras`."""
+    return open_cameras([(label_of(file.stem), file, []) for file in sorted(images_in(folder))])
+
+
 def _matching(path: Path) -> tuple[Path, list[Path]]:
     """Return the folder and the files of a path with `*` in it; of any other path, itself and no files."""
     first = 0 if path.exists() else next((n for n, part in enumerate(path.parts) if "*" in part), 0)

@@ -270,7 +270,7 @@ def handpose(folder: Path, form: tuple[str, str] = ("c{}", "rot_trans_c{}")) -> 
 
 
 @pytest.mark.parametrize("form", [("c{}", "rot_trans_c{}"), ("camera{}_intrinsics", "camera{}_rot_trans")])
-@pytest.mark.parametrize("given", ["", "camera_parameters", "camera_parameters/{}.dat"])
+@pytest.mark.parametrize("given", ["camera_parameters", "camera_parameters/{}.dat"])
 def test_handposes_pairs(given: str, form: tuple[str, str], tmp_path: Path) -> None:
     handpose(tmp_path / "camera_parameters", form)
     said: list[str] = []
@@ -288,7 +288,7 @@ def test_handposes_pairs(given: str, form: tuple[str, str], tmp_path: Path) -> N
 def test_a_file_that_handposes_pairs_lack_is_named(tmp_path: Path) -> None:
     (handpose(tmp_path / "camera_parameters") / "rot_trans_c1.dat").unlink()
     with pytest.raises(BadInputError, match="camera_parameters: camera 1 has no R"):
-        read(tmp_path, ("cam0", "cam1"), (640, 480))
+        read(tmp_path / "camera_parameters", ("cam0", "cam1"), (640, 480))
 
 
 # LLFF

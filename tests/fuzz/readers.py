@@ -57,6 +57,7 @@ READERS: dict[str, Reader] = {
     "calibration-kitti": read_calibration("calib_cam_to_cam.txt"),
     "calibration-panoptic": read_calibration("calibration_171204.json"),
     "calibration-handpose3d": read_calibration("c0.dat"),
+    "calibration-deeplabcut": read_calibration("stereo_params.pickle"),
     "calibration-llff": read_calibration("poses_bounds.npy"),
     "calibration-matlab": read_calibration("stereo.mat"),
     "calibration-metashape": read_calibration("cameras.xml"),

@@ -37,8 +37,6 @@ _CALIBRATE = "write it as OpenCV's stereo.yml (M1 D1 M2 D2 R T), or calibrate th
 UNREAD = (
     # https://github.com/zju3dv/neuralbody/blob/master/INSTALL.md
     ("annots.npy", "of ZJU-MoCap (cams)"),
-    # https://deeplabcut.github.io/DeepLabCut/docs/Overviewof3D.html
-    ("stereo_params.pickle", "of DeepLabCut 3D"),
 )
 """Names of calibrations that no importer reads, and whose they are by their pages."""
 

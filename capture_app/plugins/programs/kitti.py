@@ -26,9 +26,10 @@ def read_calibration(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) 
     The images' size says whether they are rectified. Raises BadInputError, with the key, if it is malformed.
     """
     path = paths[0][1]
-    is_text = path.suffix.lower() == ".txt" and path.is_file()
-    text = read_text(path, encoding="latin-1")[:MAX_LETTERS] if is_text else ""
-    content = {key: values.split() for key, values in re.findall(r"(?m)^(\w+):[ \t]*(\S.*)$", text)}
+    text = "" if path.suffix.lower() != ".txt" or path.is_dir() else read_text(path, encoding="latin-1")
+    content = {
+        key: values.split() for key, values in re.findall(r"(?m)^(\w+):[ \t]*(\S.*)$", text[:MAX_LETTERS])
+    }
     where, keys = str(path), [key for key in content if re.fullmatch(r"P(_rect_0)?\d", key)]
     views = {}
     for key in keys:

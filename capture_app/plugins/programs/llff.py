@@ -21,7 +21,6 @@ from capture_app.session.importing.views import EXPORT_AGAIN, View, Views, pinho
 
 MAX_BYTES = 1 << 20
 """Maximum size of a file, bytes; a camera has 136."""
-_COLUMNS = 17
 _POSES = "poses_bounds.npy"
 
 
@@ -45,10 +44,9 @@ def read_calibration(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) 
     if path.suffix.lower() != ".npy":
         return None
     rows = _read_rows(path)
-    if rows.shape != (len(cameras), _COLUMNS):
+    if rows.shape != (len(cameras), 17):
         raise BadInputError(
-            f"{path} has the shape {rows.shape}, not a row of {_COLUMNS} numbers for each of "
-            f"{len(cameras)} cameras",
+            f"{path} has the shape {rows.shape}, not a row of 17 numbers for each of {len(cameras)} cameras",
             hint="import the images or videos that it was made of, and no other",
         )
     views = {}

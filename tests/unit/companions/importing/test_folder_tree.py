@@ -103,6 +103,7 @@ def test_a_calibration_that_nobody_reads_is_named_with_what_to_do(tmp_path: Path
         ("171204/hdImgs/00_00 171204/hdImgs/00_01", "171204/calibration_171204.json", "171204"),
         ("rec/cam0 rec/cam1", "rec/camera_parameters/rot_trans_c0.dat", "rec"),
         ("fern/cam00 fern/cam01", "fern/poses_bounds.npy", "fern"),
+        ("rec/cam1 rec/cam2", "rec/camera_matrix/stereo_params.pickle", "rec"),
     ],
 )
 def test_calibrations_of_data_sets_are_found_where_these_have_them(

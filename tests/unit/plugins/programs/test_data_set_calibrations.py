@@ -2,10 +2,12 @@
 
 KITTI: Geiger et al. 2013 and devkit/readme.txt (y = P_rect_i R_rect_00 x), with the numbers of 2011_09_28.
 EuRoC: projects.asl.ethz.ch/datasets, with those of MH_01. CMU Panoptic: python/panutils.py, projectPoints.
-handpose3d: utils.py, get_projection_matrix. LLFF: its README and NeRF's load_llff.py and run_nerf_helpers.py.
+handpose3d: utils.py, get_projection_matrix. DeepLabCut: pose_estimation_3d/camera_calibration.py. LLFF: its
+README and NeRF's load_llff.py and run_nerf_helpers.py.
 """
 
 import json
+import pickle
 from pathlib import Path
 from typing import Any
 
@@ -289,6 +291,50 @@ def test_a_file_that_handposes_pairs_lack_is_named(tmp_path: Path) -> None:
     (handpose(tmp_path / "camera_parameters") / "rot_trans_c1.dat").unlink()
     with pytest.raises(BadInputError, match="camera_parameters: camera 1 has no R"):
         read(tmp_path / "camera_parameters", ("cam0", "cam1"), (640, 480))
+
+
+# DeepLabCut
+
+
+def deeplabcut(folder: Path) -> Path:
+    """A project's camera_matrix, as deeplabcut.calibrate_cameras writes it."""
+    folder.mkdir()
+    lenses: dict[str, Any] = {}
+    for n, name in enumerate(("camera-1", "camera-2")):
+        lenses[name] = {"mtx": lens(n), "dist": D[None], "imgpoints": [np.zeros((48, 1, 2), np.float32)]}
+        (folder / f"{name}_intrinsic_params.pickle").write_bytes(pickle.dumps(lenses))
+    rotation, translation = pose(1)
+    images = [np.zeros((480, 640), np.uint8) for _ in range(2)]
+    pair: dict[str, Any] = {f"cameraMatrix{n + 1}": lens(n) for n in range(2)}
+    pair |= {f"distCoeffs{n + 1}": D[None] for n in range(2)}
+    pair |= {"R": rotation, "T": translation[:, None], "E": np.eye(3), "R1": np.eye(3), "R2": np.eye(3)}
+    pair |= {
+        "P1": np.zeros((3, 4)),
+        "roi1": (0, 0, 640, 480),
+        "image_shape": [image.shape[::-1] for image in images],
+    }
+    path = folder / "stereo_params.pickle"
+    path.write_bytes(pickle.dumps({"camera-1-camera-2": pair}))
+    return path
+
+
+@pytest.mark.parametrize("whole", [True, False])
+def test_deeplabcuts_pair(whole: bool, tmp_path: Path) -> None:
+    """cv2.stereoCalibrate's x_2 = R x_1 + T, in squares of the board, which objp counts."""
+    path = deeplabcut(tmp_path / "camera_matrix")
+    found = read(path.parent if whole else path, ("camera-1", "camera-2"), (640, 480))
+    assert found.unit == "square"
+    rotation, translation = pose(1)
+    for n, (turn, shift) in enumerate(((np.eye(3), np.zeros(3)), (rotation, translation))):
+        seen, _ = cv2.projectPoints(POINTS, cv2.Rodrigues(turn)[0], shift, lens(n), D)
+        np.testing.assert_allclose(pixels(found, f"camera-{n + 1}", POINTS), seen.reshape(-1, 2), atol=1e-6)
+
+
+@pytest.mark.parametrize("content", [{}, {"camera-1-camera-2": 3}, {"a": {1: np.eye(3)}}, [np.eye(3)]])
+def test_pickles_that_are_no_pair(content: Any, tmp_path: Path) -> None:
+    (tmp_path / "stereo_params.pickle").write_bytes(pickle.dumps(content))
+    with pytest.raises(BadInputError, match=r"has no R and T|does not hold camera parameters"):
+        read(tmp_path / "stereo_params.pickle", ("camera-1", "camera-2"), (640, 480))
 
 
 # LLFF

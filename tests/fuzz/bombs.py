@@ -132,6 +132,18 @@ BOMBS: dict[str, dict[str, Callable[[], bytes]]] = {
         "laughs": opencv_laughs,
         "type": lambda: opencv_laughs().replace(b"dt: d", b"dt: *x29"),
     },
+    "calibration-kitti": {
+        "lines": lambda: b"".join(b"k%d: 1\n" % n for n in range(1_000_000)),
+        "numbers": lambda: b"P0: " + b"1 " * 8_000_000,
+    },
+    "calibration-handpose3d": {"spaces": lambda: b"R:" + b" " * 16_000 + b"x"},
+    "calibration-llff": {
+        "shape": lambda: (
+            b"\x93NUMPY\x01\x00\x76\x00"
+            + b"{'descr': '<f8', 'fortran_order': False, 'shape': (99999999999,), }".ljust(117)
+            + b"\n"
+        ),
+    },
     "calibration-easymocap": {
         "laughs": lambda: b"%YAML:1.0\n---\n" + yaml_laughs("names"),
         "many": lambda: b"%YAML:1.0\n---\nnames: [" + b"1, " * 20_000 + b"1]",

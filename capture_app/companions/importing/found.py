@@ -35,22 +35,8 @@ from capture_app.session.importing.recording_sources import (
 
 _CALIBRATE = "write it as OpenCV's stereo.yml (M1 D1 M2 D2 R T), or calibrate the session"
 UNREAD = (
-    # https://projects.asl.ethz.ch/datasets/doku.php?id=kmavvisualinertialdatasets
-    ("sensor.yaml", "of EuRoC (intrinsics, T_BS)"),
-    # https://www.cvlibs.net/datasets/kitti/raw_data.php, devkit/readme.txt
-    ("calib_cam_to_cam.txt", "of KITTI raw (K, D, R, T)"),
-    # https://www.cvlibs.net/datasets/kitti/eval_odometry.php
-    ("calib.txt", "of KITTI odometry (P0 to P3)"),
-    # https://github.com/CMU-Perceptual-Computing-Lab/panoptic-toolbox
-    ("calibration_*.json", "of CMU Panoptic (K, distCoef, R, t)"),
     # https://github.com/zju3dv/neuralbody/blob/master/INSTALL.md
     ("annots.npy", "of ZJU-MoCap (cams)"),
-    # https://github.com/TemugeB/handpose3d
-    ("camera_parameters/*.dat", "of handpose3d (c0.dat, rot_trans_c0.dat)"),
-    # https://deeplabcut.github.io/DeepLabCut/docs/Overviewof3D.html
-    ("stereo_params.pickle", "of DeepLabCut 3D"),
-    # https://github.com/Fyusion/LLFF
-    ("poses_bounds.npy", "of LLFF (poses and bounds)"),
 )
 """Names of calibrations that no importer reads, and whose they are by their pages."""
 

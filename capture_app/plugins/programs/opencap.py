@@ -3,29 +3,21 @@
 According to opencap-api's zipsession.py, a download has the phone's original video as
 `Videos/CamN/InputMedia/TRIAL/TRIAL.mov`. Beside it is `TRIAL_sync.mp4` if OpenCap aligned it to the others by
 their motion. The calibration is `Videos/CamN/cameraIntrinsicsExtrinsics.pickle`; according to opencap-core's
-utilsChecker.py, imageSize is (height, width), and the board's squares are in mm. A pickle can run arbitrary
-code, so only arrays and numbers are accepted.
+utilsChecker.py, imageSize is (height, width), and the board's squares are in mm.
 """
 
-import io
-import pickle
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
-
-import numpy as np
 
 from capture_app.common.errors import BadInputError
 from capture_app.common.names import natural_order
-from capture_app.session.files.untrusted_files import check_pickle, read_input, rejecting
+from capture_app.session.files.pickled_arrays import read_pickle
 from capture_app.session.importing.importer import Importer, open_sources
 from capture_app.session.importing.recording_sources import Layout, videos_in
 from capture_app.session.importing.views import View, Views, numbers
 
 _MEDIA, _SYNCHRONIZED = "InputMedia", "_sync"
 _PARAMETERS = "cameraIntrinsicsExtrinsics.pickle"
-MAX_BYTES = 1 << 18
-"""Maximum size of a calibration, bytes."""
 
 
 def open_recording(path: Path, *, png: bool, recording: str | None) -> Layout | None:
@@ -75,34 +67,17 @@ def _cameras(folder: Path) -> list[Path]:
     return sorted(videos.glob(f"Cam*/{_MEDIA}"), key=lambda path: natural_order(path.parent.name))
 
 
-class _ArraysOnly(pickle.Unpickler):
-    """Unpickler of arrays and numbers; what it makes is no larger than its bytes."""
-
-    def find_class(self, module: str, name: str) -> Any:
-        # Made anew for each name, as a pickle can set attributes of what it is given.
-        makers: dict[tuple[str, str], Callable[..., Any] | None] = {
-            ("multiarray", "_reconstruct"): lambda *_: np.empty(0),
-            ("multiarray", "scalar"): lambda kind, data: np.frombuffer(data, kind)[0],
-            ("numeric", "_frombuffer"): lambda data, kind, shape, order: np.frombuffer(data, kind).reshape(
-                shape, order=order
-            ),
-            ("numpy", "ndarray"): None,
-            ("numpy", "dtype"): np.dtype,
-            ("_codecs", "encode"): lambda text, _: text.encode("latin-1"),
-        }
-        key = module.removeprefix("numpy.core.").removeprefix("numpy._core."), name
-        if key not in makers:
-            raise pickle.UnpicklingError(f"it holds {module}.{name}, which is not an array")
-        return makers[key]
-
-
 def read_calibration(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) -> Views | None:
     """Read pickles, each with its camera's name (or '' for its folder's name), or a folder of cameras.
 
     Raises BadInputError, with the file, if it is malformed or not calibrated yet.
     """
     first = paths[0][1]
-    is_own = any(first.glob(f"*/{_PARAMETERS}")) if first.is_dir() else first.suffix in (".pickle", ".pkl")
+    is_own = (
+        any(first.glob(f"*/{_PARAMETERS}"))
+        if first.is_dir()
+        else first.suffix in (".pickle", ".pkl") and "stereo" not in first.name
+    )
     if not is_own:
         return None
     files: dict[str, Path] = {}
@@ -113,16 +88,7 @@ def read_calibration(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) 
 
 
 def _view(file: Path) -> View:
-    data = read_input(file, max_bytes=MAX_BYTES)
-    with rejecting(
-        f"cannot read the calibration {file}",
-        Exception,  # a malformed pickle may raise anything
-        hint="download the session from OpenCap again",
-    ):
-        check_pickle(data)
-        content = _ArraysOnly(io.BytesIO(data)).load()
-        if not isinstance(content, dict):
-            raise ValueError("it does not hold OpenCap's camera parameters")
+    content = read_pickle(file, hint="download the session from OpenCap again")
     where = str(file)
     size = numbers(where, content, "imageSize", 2)
     return View(

@@ -127,6 +127,8 @@ def _camera(
     fit: Fit,
     talk: Talk,
 ) -> CameraCalibration:
+    if isinstance(given, View) and given.unrectified is not None and given.unrectified.size == size:
+        given = given.unrectified
     camera, turned = (_of_view(where, given, size), given.turned) if isinstance(given, View) else (given, "")
     x, y = _factors(where, (camera.width, camera.height), turned, size, fit)
     if abs(x / y - 1) >= SAME_ASPECT:

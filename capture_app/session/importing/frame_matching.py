@@ -127,7 +127,8 @@ def require_overlap(timeline: Timeline) -> None:
             raise BadInputError(
                 f"the times of {first} and {second} never meet: {gap_ns / 1e9:.1f} s pass between them, and "
                 f"{abs(span[0] - other[0]) / 1e9:.1f} s between their beginnings",
-                hint="if each counts from its own start, give the difference: --time-shift-ms CAMERA=MS",
+                hint="if each counts from its own start, or one is an hour off by summer time, give the "
+                "difference: --time-shift-ms CAMERA=MS",
             )
 
 

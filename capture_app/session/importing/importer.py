@@ -34,7 +34,11 @@ from capture_app.session.importing.recording_sources import (
 from capture_app.session.importing.views import Views
 
 GROUP = "simulshot.importers"
-CALIBRATION = re.compile(r"calib|intrinsic|extrinsic|board|checker|charuco", re.IGNORECASE)
+CALIBRATION = re.compile(
+    r"calib|intrinsic|extrinsic|board|checker|charuco|camera_(parameters|matrix)", re.IGNORECASE
+)
+_SMALLER = re.compile(r"images_(2|4|8|16)")
+"""Folders of smaller copies beside `images`, as LLFF, nerfstudio and COLMAP's users have them."""
 _COPIES = re.compile(r"(^|/)(@eadir|thumb(nail)?s?|previews?|prox(y|ies))(/|$)", re.IGNORECASE)
 CameraFiles = tuple[str, Path, list[Path]]
 """Label and path of a camera, and its files if the folder has those of other cameras."""
@@ -159,6 +163,11 @@ def open_cameras(
     return sources
 
 
+def open_images(folder: Path) -> list[Source]:
+    """Open the images of a folder as cameras of one instant, named as they are; see `open_cameras`."""
+    return open_cameras([(label_of(file.stem), file, []) for file in sorted(images_in(folder))])
+
+
 def _matching(path: Path) -> tuple[Path, list[Path]]:
     """Return the folder and the files of a path with `*` in it; of any other path, itself and no files."""
     first = 0 if path.exists() else next((n for n, part in enumerate(path.parts) if "*" in part), 0)
@@ -229,7 +238,12 @@ def takes_in(folder: Path) -> tuple[dict[str, list[CameraFiles]], list[str]]:
     videos = videos_in(folder)
     recorded = {path: path.name for path in folder.iterdir() if path.is_dir() and camera_importer(path)}
     places = [place for place in folders_below(folder) if place != folder and images_in(place)]
-    places = [place for place in places if not _COPIES.search(place.relative_to(folder).as_posix())]
+    places = [
+        place
+        for place in places
+        if not _COPIES.search(place.relative_to(folder).as_posix())
+        and not (_SMALLER.fullmatch(place.name) and place.with_name("images") in places)
+    ]
     boards = [place for place in places if CALIBRATION.search(str(place.relative_to(folder)))]
     if len(boards) < len(places) or images_in(folder):
         places = [place for place in places if place not in boards]

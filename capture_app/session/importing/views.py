@@ -45,6 +45,8 @@ class View:
     """What the file says of images that are turned after the lens was calibrated; empty if nothing."""
     is_fisheye: bool = False
     """Whether `distortion` is k1 to k4 of OpenCV's fisheye model."""
+    unrectified: "View | None" = None
+    """The same camera without rectification, for images of that one's size; None if its file has none."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -113,6 +115,12 @@ def numbers(
 def number(where: str, content: Mapping[Any, Any], key: str, default: float | None = None) -> float:
     """Return the number at a key, `default` if it is missing. Raises BadInputError as `numbers` does."""
     return float(numbers(where, {key: default, **content}, key, 1)[0])
+
+
+def size_of(where: str, content: Mapping[Any, Any], key: str) -> tuple[int, int]:
+    """Return the width and height at a key, in px. Raises BadInputError as `numbers` does."""
+    width, height = numbers(where, content, key, 2)
+    return round(width), round(height)
 
 
 def pinhole(fx: float, fy: float, cx: float, cy: float) -> Array:

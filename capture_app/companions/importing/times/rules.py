@@ -1,11 +1,13 @@
 """Rules that make a recording's times: the first that applies makes them and says what is known of them."""
 
+import calendar
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from datetime import UTC, datetime, timedelta
 from fractions import Fraction
 from functools import partial
-from itertools import combinations
+from itertools import combinations, islice
 from pathlib import Path
 from typing import Literal
 
@@ -47,6 +49,13 @@ OWN_BEGINNING = "each video counts from its own beginning"
 OTHER_FPS = 0.01
 """Relative difference of two frame rates that are not the same one, such as 25 and 24; 29.97 is 30."""
 
+
+_HOUR_NS = 3_600_000_000_000
+_SUMMER_ENDS = {4: range(1, 8), 10: range(25, 32), 11: range(1, 8)}
+"""Days of the month whose Sunday may end summer time: in Australia, Europe and North America, by month.
+
+Hour 1 of local time is then twice in London and New York, 2 in Berlin and Sydney, 3 in Helsinki.
+"""
 
 TimeSource = Literal["auto", "video", "name", "exif"]
 """Source of a recording's times.
@@ -217,8 +226,8 @@ def _by_numbers(recording: _Recording) -> _Made:
     return timeline_by_rate(recording.sources, fast.fps), notes
 
 
-def _by_images(recording: _Recording, read: Callable[[Path], int]) -> _Made:
-    """Return the times that `read` finds in the images' names or contents."""
+def _by_images(recording: _Recording, read: Callable[[Path], int], *, is_local: bool = True) -> _Made:
+    """Return the times that `read` finds in the images' names or contents; `is_local`: of an unknown zone."""
     frames = {}
     for source in recording.sources:
         if not isinstance(source, Images) or source.kind != FOLDER:
@@ -226,14 +235,29 @@ def _by_images(recording: _Recording, read: Callable[[Path], int]) -> _Made:
                 f"{source.path} is not a folder of images", hint="--times video takes videos' times"
             )
         frames[source.name] = [TimedFrame(number, read(file)) for number, file in enumerate(source.files)]
-    return frames, ()
+    return frames, _describe_double_hour(frames) if is_local else ()
+
+
+def _describe_double_hour(frames: _Frames) -> list[str]:
+    """Return a line if local times may be of the hour that the end of summer time has twice."""
+    hours = {frame.leader_ns // _HOUR_NS for own in frames.values() for frame in own}
+    dates = (datetime(1970, 1, 1, tzinfo=UTC) + timedelta(hours=hour) for hour in sorted(hours))
+    said = (
+        f"summer time may end on {date:%Y-%m-%d}: local time may have the hour from {date:%H:%M} twice; "
+        "if a camera's times are an hour ahead, --time-shift-ms CAMERA=-3600000 corrects them"
+        for date in dates
+        if date.weekday() == calendar.SUNDAY
+        and date.day in _SUMMER_ENDS.get(date.month, ())
+        and 1 <= date.hour <= 3
+    )
+    return [*islice(said, 1)]
 
 
 def _by_exif(recording: _Recording) -> _Made:
     """Return the images' times in EXIF, by UTC if all cameras state how far ahead of it they are."""
     folders = [source for source in recording.sources if isinstance(source, Images)]
     zoned = all(source.kind == FOLDER and states_zone(source.files[0]) for source in folders)
-    return _by_images(recording, partial(exif_time_ns, zoned=zoned))
+    return _by_images(recording, partial(exif_time_ns, zoned=zoned), is_local=not zoned)
 
 
 def _by_videos(recording: _Recording) -> _Made:
@@ -271,7 +295,8 @@ def _refuse(recording: _Recording) -> _Made:
         )
     raise BadInputError(
         f"the images of {names} have no times",
-        hint="add their rate, --fps, or a table, --timestamps; if they have times in EXIF: --times exif",
+        hint="add their rate, --fps, or a table, --timestamps; if equal numbers are of one instant: "
+        "--synchronized; if they have times in EXIF: --times exif",
     )
 
 

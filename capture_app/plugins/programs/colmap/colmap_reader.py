@@ -255,6 +255,6 @@ IMPORTER = Importer(
     program="COLMAP",
     help="a sparse model's folder, or rig_config.json, as a calibration",
     read_calibration=read_calibration,
-    calibration_files=("rig_config.json",),
+    calibration_files=("rig_config.json", "sparse/0"),
     priority=-2,
 )

@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 
 from capture_app.common.errors import BadInputError
-from capture_app.session.importing.importer import Importer, open_sources
+from capture_app.session.importing.importer import Importer, open_images, open_sources
 from capture_app.session.importing.opencv_storage import read_storage
-from capture_app.session.importing.recording_sources import Layout
+from capture_app.session.importing.recording_sources import Layout, images_in
 from capture_app.session.importing.views import View, Views, numbers, rotation_of
 
 INTRINSICS, EXTRINSICS = "intri.yml", "extri.yml"
@@ -26,9 +26,13 @@ def open_recording(path: Path, *, png: bool, recording: str | None) -> Layout | 
     if not all((path / name).is_file() for name in (INTRINSICS, EXTRINSICS)):
         return None
     place = next((path / name for name in ("videos", "images") if (path / name).is_dir()), path)
+    # One image a camera, as where a rig is tried, has no folder.
+    alone = {image.stem for image in images_in(place)}
+    views = read_calibration([("", path)], ()) if alone else None
+    is_one_instant = views is not None and alone <= views.cameras.keys()
     return Layout(
         path=place,
-        sources=tuple(open_sources([str(place)], png=png)),
+        sources=tuple(open_images(place) if is_one_instant else open_sources([str(place)], png=png)),
         same_frames=True,
         calibration=path,
     )

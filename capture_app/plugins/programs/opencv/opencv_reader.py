@@ -1,7 +1,9 @@
 """Calibrations as OpenCV users save them: .npz, or YAML and XML of cv2.FileStorage; and MATLAB's .mat.
 
 The .mat has what MATLAB's stereoParametersToOpenCV returns, or is the Calib_Results_stereo.mat of Bouguet's
-toolbox, whose pixels, coefficients and poses are OpenCV's, too.
+toolbox, whose pixels, coefficients and poses are OpenCV's, too. DeepLabCut's stereo_params.pickle has what
+cv2.stereoCalibrate returns for its pair (pose_estimation_3d/camera_calibration.py); its unit is the board's
+square.
 """
 
 import re
@@ -15,6 +17,7 @@ import numpy as np
 from capture_app.common.errors import BadInputError
 from capture_app.common.names import natural_order
 from capture_app.plugins.programs.opencv.matlab_arrays import read_mat
+from capture_app.session.files.pickled_arrays import read_pickle
 from capture_app.session.files.untrusted_files import read_arrays
 from capture_app.session.format.lens import Array
 from capture_app.session.importing.importer import Importer
@@ -41,11 +44,21 @@ _FISHEYE_KEY = "is fisheye"
 """Our own name for what the file says of the model."""
 MAX_BYTES = 1 << 24
 """Maximum size of all arrays of a .npz; each number becomes 8 bytes."""
+_DEEPLABCUTS = "stereo_params.pickle"
 _LOADERS: dict[str, Callable[[Path], Mapping[str, Any]]] = {
     ".npz": partial(read_arrays, max_bytes=MAX_BYTES),
     ".mat": read_mat,
+    # By the names of its two cameras.
+    ".pickle": lambda path: next(
+        (
+            {str(key): value for key, value in pair.items()}
+            for pair in read_pickle(path, hint="write it again: deeplabcut.calibrate_cameras").values()
+            if isinstance(pair, dict)
+        ),
+        {},
+    ),
 }
-_SUFFIXES = (".npz", ".yml", ".yaml", ".xml", ".mat")
+_SUFFIXES = (".npz", ".yml", ".yaml", ".xml", ".mat", ".pickle")
 
 Content = Mapping[str, Array]
 _IDENTITY: Content = {"r": np.eye(3), "t": np.zeros(3)}
@@ -81,7 +94,11 @@ def read_calibration(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) 
     views = {
         name: _view(f"{own.get(name, pair)}: camera {name}", content) for name, content in contents.items()
     }
-    return Views(views, ", ".join(dict.fromkeys(path.name for path in (*own.values(), *rest))))
+    return Views(
+        views,
+        ", ".join(dict.fromkeys(path.name for path in (*own.values(), *rest))),
+        assumed_unit="square" if any(path.name == _DEEPLABCUTS for path in rest) else "m",
+    )
 
 
 def _assign(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) -> tuple[dict[str, Path], list[Path]]:
@@ -110,7 +127,11 @@ def _assign(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) -> tuple[
 
 
 def _search(folder: Path, cameras: Sequence[str]) -> tuple[dict[str, Path], list[Path]]:
-    known = sorted(path for path in folder.iterdir() if path.suffix.lower() in _SUFFIXES)
+    known = sorted(
+        path
+        for path in folder.iterdir()
+        if path.suffix.lower() in _SUFFIXES and (path.suffix != ".pickle" or path.name == _DEEPLABCUTS)
+    )
     # Beside OpenCV's files, a .mat is somebody's data.
     files = [path for path in known if path.suffix.lower() != ".mat"] or known
     own: dict[str, Path] = {}
@@ -220,9 +241,13 @@ def _find(content: Content, keys: Sequence[str]) -> Array | None:
 
 IMPORTER = Importer(
     program="OpenCV, MATLAB",
-    help="a calibration's .npz, .yml, .xml or .mat of a camera or a pair, or a folder of these",
+    help="a calibration's .npz, .yml, .xml or .mat of a camera or a pair, or a folder of these; DeepLabCut's "
+    "stereo_params.pickle",
     read_calibration=read_calibration,
-    calibration_files=("*calib*.npz", "*calib*.yml", "*calib*.xml", "Calib_Results_stereo.mat"),
+    calibration_files=(
+        *("*calib*.npz", "*calib*.yml", "*calib*.xml", "Calib_Results_stereo.mat"),
+        *("intrinsics.yml", "extrinsics.yml", _DEEPLABCUTS),
+    ),
     calibration_per_camera=True,
     priority=-4,
 )

@@ -201,6 +201,43 @@ def test_exif_is_in_utc_if_all_cameras_state_their_zone(tmp_path: Path, zone: st
     assert times_of(session, "b")[0] - times_of(session, "a")[0] == 5 * MS
 
 
+@pytest.mark.parametrize(
+    ("day", "hour", "zone", "doubtful"),
+    [
+        ("2025:10:26", 2, "", "2025-10-26: local time may have the hour from 02:00 twice"),
+        ("2025:11:02", 1, "", "2025-11-02: local time may have the hour from 01:00 twice"),
+        ("2026:04:05", 2, "", "2026-04-05: local time may have the hour from 02:00 twice"),
+        ("2025:10:26", 2, "+01:00", ""),
+        ("2025:10:26", 4, "", ""),
+        ("2025:10:19", 2, "", ""),
+        ("2025:10:27", 2, "", ""),
+    ],
+)
+def test_the_hour_that_summer_time_has_twice_is_said(
+    day: str, hour: int, zone: str, doubtful: str, tmp_path: Path
+) -> None:
+    for camera in "ab":
+        (tmp_path / "rec" / camera).mkdir(parents=True)
+        for number in range(2):
+            data = with_exif(jpeg(number), f"{day} {hour:02}:25:3{number}", "100", zone=zone)
+            (tmp_path / "rec" / camera / f"DSC_{number}.jpg").write_bytes(data)
+    said: list[str] = []
+    import_one([str(tmp_path / "rec")], tmp_path, "s", ImportOptions(times="exif"), talk=said.append)
+    told = [line for line in said if line.startswith("summer time may end on ")]
+    assert len(told) == bool(doubtful)
+    assert doubtful in "".join(told)
+
+
+def test_the_double_hour_in_file_names_is_said(tmp_path: Path) -> None:
+    for camera in "ab":
+        (tmp_path / "rec" / camera).mkdir(parents=True)
+        for second in range(2):
+            (tmp_path / "rec" / camera / f"IMG_20251026_02253{second}.jpg").write_bytes(jpeg(second))
+    said: list[str] = []
+    import_one([str(tmp_path / "rec")], tmp_path, "s", ImportOptions(times="name"), talk=said.append)
+    assert any(line.startswith("summer time may end on 2025-10-26") for line in said)
+
+
 @pytest.mark.parametrize("order", ["<", ">"])
 def test_images_are_matched_by_their_exif(tmp_path: Path, order: str) -> None:
     for camera, parts in (("a", ("100", "500", "900")), ("b", ("105", "507", "899"))):

@@ -62,6 +62,17 @@ def test_kinds_of_images_are_not_takes(tmp_path: Path) -> None:
         takes_in(tmp_path / "rec")
 
 
+def test_smaller_copies_of_images_are_no_camera(tmp_path: Path) -> None:
+    for place in ("images", "images_4", "images_8"):
+        images(tmp_path / "rec" / place)
+    cameras, said = found(tmp_path / "rec")
+    assert cameras == [["images"]]
+    assert "not used: images_4: 3 .jpg, images_8: 3 .jpg" in said
+    (tmp_path / "rec" / "images").rename(tmp_path / "rec" / "images_2")
+    takes, _ = takes_in(tmp_path / "rec")
+    assert [label for label, *_ in takes[""]] == ["images_2", "images_4", "images_8"]
+
+
 def test_what_is_not_used_is_one_line(tmp_path: Path, make_images: Callable[..., Path]) -> None:
     folder = make_images("left", ["0.jpg"]).parent
     for name in ("sensor.txt", "notes.txt", ".DS_Store", *(f"{n}.dat" for n in range(4))):
@@ -72,15 +83,42 @@ def test_what_is_not_used_is_one_line(tmp_path: Path, make_images: Callable[...,
 
 
 def test_a_calibration_that_nobody_reads_is_named_with_what_to_do(tmp_path: Path) -> None:
-    for camera in ("cam0", "cam1"):
-        images(tmp_path / "mav0" / camera / "data")
-        (tmp_path / "mav0" / camera / "sensor.yaml").write_text("sensor_type: camera\n")
-    _, said = found(tmp_path / "mav0")
+    for camera in ("Camera_B1", "Camera_B2"):
+        images(tmp_path / "CoreView" / camera)
+    (tmp_path / "CoreView" / "annots.npy").touch()
+    _, said = found(tmp_path / "CoreView")
     (line,) = (line for line in said.splitlines() if line.startswith("calibration: "))
-    assert line.startswith(
-        f"calibration: {Path('cam1', 'sensor.yaml')} is of EuRoC (intrinsics, T_BS), which is not read"
-    )
+    assert line.startswith("calibration: annots.npy is of ZJU-MoCap (cams), which is not read")
     assert "or calibrate the session" in line
+
+
+@pytest.mark.parametrize(
+    ("cameras", "file", "given"),
+    [
+        ("MH_01/mav0/cam0/data MH_01/mav0/cam1/data", "MH_01/mav0/cam0/sensor.yaml", "MH_01"),
+        ("mav0/cam0/data mav0/cam1/data", "mav0/cam0/sensor.yaml", "mav0"),
+        ("day/drive/image_02/data day/drive/image_03/data", "day/calib_cam_to_cam.txt", "day/drive"),
+        ("day/drive/image_02/data day/drive/image_03/data", "day/calib_cam_to_cam.txt", "day"),
+        ("00/image_0 00/image_1", "00/calib.txt", "00"),
+        ("171204/hdImgs/00_00 171204/hdImgs/00_01", "171204/calibration_171204.json", "171204"),
+        ("rec/cam0 rec/cam1", "rec/camera_parameters/rot_trans_c0.dat", "rec"),
+        ("fern/cam00 fern/cam01", "fern/poses_bounds.npy", "fern"),
+        ("rec/cam1 rec/cam2", "rec/camera_matrix/stereo_params.pickle", "rec"),
+    ],
+)
+def test_calibrations_of_data_sets_are_found_where_these_have_them(
+    cameras: str, file: str, given: str, tmp_path: Path
+) -> None:
+    for camera in cameras.split():
+        images(tmp_path / camera)
+    (tmp_path / file).parent.mkdir(parents=True, exist_ok=True)
+    (tmp_path / file).write_text("no numbers")
+    _, said = found(tmp_path / given)
+    beside, used = find_calibration(tmp_path / given)
+    assert beside is not None
+    assert f"calibration: {beside} is not taken: " in said
+    assert Path(file).name not in said.partition("calibration: ")[0], "not used, and tried"
+    assert used
 
 
 def test_both_files_of_a_calibration_beside_are_used(tmp_path: Path) -> None:

@@ -25,6 +25,7 @@ from capture_app.session.importing.calibrations import fit_calibration, read_vie
 from capture_app.session.importing.importer import recognize_recording
 from capture_app.session.reading.reader import Session
 from tests.unit.plugins.programs.known_rig import POINTS, SIZE, Array, D, lens, pose, read, see
+from tests.unit.session.conftest import jpeg
 
 # EasyMocap
 
@@ -62,6 +63,18 @@ def test_easymocap(tmp_path: Path, file: str) -> None:
     (tmp_path / "cal" / "extri.yml").unlink()
     with pytest.raises(BadInputError, match=r"no extri\.yml"):
         read(tmp_path / "cal", names=("01", "02"))
+
+
+@pytest.mark.parametrize("inner", ["", "images"])
+def test_one_image_a_camera_beside_easymocaps_files(inner: str, tmp_path: Path) -> None:
+    (easymocap(tmp_path / "rec") / inner).mkdir(exist_ok=True)
+    for name in ("01", "02"):
+        (tmp_path / "rec" / inner / f"{name}.jpg").write_bytes(jpeg(int(name), *SIZE))
+    assert run(["sessions", "import", str(tmp_path / "rec"), "--out", str(tmp_path / "out")]) == ExitCode.OK
+    session = Session.open(tmp_path / "out" / "rec")
+    assert [(camera.label or camera.name) for camera in session.manifest.cameras] == ["01", "02"]
+    assert len(session.manifest.burst.instants_ns) == 1
+    assert session.calibration() is not None
 
 
 # nerfstudio

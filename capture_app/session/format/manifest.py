@@ -122,9 +122,15 @@ class CameraRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     """Moves of its stream within a recording."""
     source_frames: Count | None = None
     """Number of frames in the film or folder from which it was imported; images number them from 0."""
+    label: Label = ""
+    """Its facts' label, where sessions of November 2026 have it; empty once it is read."""
 
     def __post_init__(self) -> None:
-        """Raise ValueError for a camera without pixels."""
+        """Move a label to its facts. Raises ValueError for a camera without pixels."""
+        if self.label:
+            facts = msgspec.structs.replace(self.facts, label=self.facts.label or self.label)
+            msgspec.structs.force_setattr(self, "facts", facts)
+            msgspec.structs.force_setattr(self, "label", "")
         if not (self.facts.width and self.facts.height):
             raise ValueError(f"{self.name} has no pixels: {self.facts.width}x{self.facts.height}")
 

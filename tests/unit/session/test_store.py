@@ -42,6 +42,15 @@ def test_what_is_written_is_read(session: Session) -> None:
         session.camera("top")
 
 
+def test_a_label_beside_the_facts_is_read_as_theirs(session: Session) -> None:
+    """As sessions had it at first."""
+    edit_manifest(session, lambda manifest: manifest["cameras"][0].update(label="Böhm"))
+    manifest = Session.open(session.folder).manifest
+    assert manifest.labels == {"left": "Böhm", "right": "right"}
+    stored = msgspec.json.decode(msgspec.json.encode(manifest))["cameras"][0]
+    assert (stored["facts"]["label"], "label" in stored) == ("Böhm", False)
+
+
 def test_calibration_is_kept(tmp_path: Path) -> None:
     calibration = calibration_of("left")
     writer = SessionWriter.create(tmp_path, "calibrated")

@@ -138,16 +138,16 @@ FORMATS = {
     "pose2sim": "opensim mocap",
     "mcap": "foxglove ros rosbag bag",
     "rrd": "rerun",
-    "mp4": "video videos film movie h264 h265 hevc mov prores avi mkv webm gif csv after-effects "
+    "mp4": "video videos film movie h264 h265 hevc mov prores avi mkv webm after-effects "
     "aftereffects ae nuke fusion unreal unity",
 }
 """Formats of `sessions export`, each with the programs that read it and other words for it."""
 RESULTS = {
-    "reconstruct people SESSION": "c3d bvh trc fbx skeleton",
+    "reconstruct people SESSION": "c3d bvh trc fbx glb skeleton",
     "reconstruct multiview SESSION": "ply obj pointcloud point-cloud mesh stl usd usdz abc alembic exr",
     "reconstruct movers SESSION": "matte mattes mask masks",
 }
-"""Commands whose results people look for among the formats of an export, with those words."""
+"""Commands whose results people look for among the formats of an export, with words for them."""
 _ACTIONS = {
     "capture-app theme": "dark light colour colours color colors night contrast appearance",
     "capture-app rig add": "webcam webcams usb device devices simulated simulate sim node connect",
@@ -261,7 +261,9 @@ def advise(error: click.UsageError, typed_line: Sequence[str] = ()) -> str:
     if meant:
         return f"{unknown}: it is {meant[0]}"
     close = get_close_matches(typed.casefold(), names, 1, _CLOSE)
-    return f"{unknown}. Did you mean '{close[0]}'?" if close else unknown
+    rows = _COMMANDS.get(error.ctx.command_path.split()[0], {}) if what == "option" else {}
+    elsewhere = [f": it is {line}" for line, words in rows.items() if word.casefold() in words.split()]
+    return f"{unknown}. Did you mean '{close[0]}'?" if close else unknown + "".join(elsewhere[:1])
 
 
 def _in_our_words(error: click.UsageError) -> str:
@@ -275,7 +277,7 @@ def _in_our_words(error: click.UsageError) -> str:
         )
     name, kind = error.param.get_error_hint(error.ctx).replace("'", ""), error.param.type
     if isinstance(error, click.MissingParameter):
-        return f"{name} is missing"
+        return f"{name} is missing{'; capture-app cameras lists what there is' if name == '--camera' else ''}"
     given, is_not, _ = text.partition(" is not ")
     if not is_not or kind.name not in _NUMBERS:
         return f"{name}: {text}"

@@ -41,7 +41,7 @@ class _Format(click.Choice[str]):
                 self.fail(f"{value!r} is not a format: --to {name} is for it", param, ctx)
         for line, words in RESULTS.items():
             if value.casefold() in words.split():
-                self.fail(f"{value!r} is not a format of images: {line} writes it", param, ctx)
+                self.fail(f"{value!r} is not a format of images: see {line}", param, ctx)
         return super().convert(value, param, ctx)
 
 

@@ -100,6 +100,7 @@ capture-app --simulated > --camera sim:phone-a
 capture-app node --simulated > --camera sim:phone-a
 capture-app rig start --demo > --camera sim:phone-a
 capture-app --shutter 1/500 > capture-app cameras set CONTROL=VALUE
+capture-app burst --fps 120 > capture-app node --camera SPEC,fps=N,width=W
 capture-app sessions export x --premiere > --to otio
 capture-app sessions import a.mp4 --sync audio > --align
 reconstruct triangulate x > reconstruct people SESSION
@@ -234,8 +235,11 @@ def test_every_option_that_is_advised_exists() -> None:
         ("capture-app a.mp4 b.mp4", "'a.mp4' is a file: capture-app sessions import FILE ... imports it"),
         ("capture-app sessions export x --to fcpxml --out y", "--to otio is for it"),
         ("capture-app sessions export x --to anipose --out y", "--to caliscope is for it"),
-        ("capture-app sessions export x --to c3d --out y", "reconstruct people SESSION writes it"),
-        ("capture-app sessions export x --to ply --out y", "reconstruct multiview SESSION writes it"),
+        (
+            "capture-app sessions export x --to c3d --out y",
+            "not a format of images: see reconstruct people SESSION",
+        ),
+        ("capture-app sessions export x --to ply --out y", "see reconstruct multiview SESSION"),
     ],
 )
 def test_a_file_or_a_format_is_answered_with_what_is_meant(
@@ -317,6 +321,7 @@ def test_a_session_in_place_of_a_command_is_answered_with_a_command(
         ("capture-app burst --frames 0", "--frames takes a whole number from 1 to 100000, not 0"),
         ("capture-app burst --frames", "--frames needs a value"),
         ("capture-app burst 3 4", "too many arguments: 3 4"),
+        ("capture-app node", "--camera is missing; capture-app cameras lists what there is"),
         ("capture-app burst 10", "too many arguments: 10 (write --frames 10)"),
         ("capture-app record 10", "too many arguments: 10 (write --seconds 10)"),
         ("capture-app sessions show", "SESSION is missing"),

@@ -19,6 +19,7 @@ from capture_app.session.reading.take_sheet import TakeSheet
 from capture_app.session.reading.verdict import GRADE_LIMITS
 from capture_app.tui.widgets.dialog import Dialog, Result
 from capture_app.tui.widgets.key_footer import KeyFooter
+from capture_app.tui.widgets.text_field import TextField
 
 BESIDE, BUTTON_EXTRA = 56, 7
 """Maximum cells of answers in a row, otherwise a column is used; cells that a button adds to its label."""
@@ -38,7 +39,9 @@ class BoxDialog(Dialog[Result], ModalScreen[Result]):
     }
     BoxDialog .question { width: 1fr; height: auto; margin-bottom: 1; }
     BoxDialog .wrong { color: $error; height: auto; }
-    BoxDialog Input, BoxDialog Input:focus { border: none; height: 1; padding: 0 1; background: $surface; }
+    BoxDialog Input, BoxDialog Input:focus {
+        border: none; border-left: outer $primary; height: 1; padding: 0 1; background: $background;
+    }
     """
 
     def __init__(self, title: str, *children: Widget, subtitle: str = "") -> None:
@@ -128,7 +131,7 @@ class TextQuestion(BoxDialog[str | None]):
         """`check` raises SimulshotError for a text that is not valid."""
         self._check = check
         self._wrong = Static("", classes="wrong")
-        self._line, self._value = Input(), value
+        self._line, self._value = TextField(), value
         super().__init__(
             title,
             Static(Content(printable(text)), classes="question"),

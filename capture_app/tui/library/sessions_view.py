@@ -11,7 +11,6 @@ from textual import work
 from textual.binding import Binding, BindingType
 from textual.containers import Vertical
 from textual.content import Content
-from textual.widgets import Input
 
 from capture_app.common.errors import BadInputError, SimulshotError
 from capture_app.common.names import check_name, free_name
@@ -48,6 +47,7 @@ from capture_app.tui.question import Answer, ListQuestion, Question, TextQuestio
 from capture_app.tui.rig_record import RecordChanged, SessionMoved, showing_errors
 from capture_app.tui.screen_settings import Settings
 from capture_app.tui.widgets.lines import Lines, write_border
+from capture_app.tui.widgets.text_field import TextField
 
 LOOK_AGAIN_S = 2.0
 """Interval at which the folder is read while visible, in seconds."""
@@ -119,7 +119,9 @@ class SessionsView(ModeView):
         cache = user_cache_path("simulshot", appauthor=False) / "thumbnails"
         self._rows = SessionRows(cache, runs)
         self._pane = TakePane()
-        self._find = Input(placeholder="name, note, camera, date", id="sessions-find", select_on_focus=False)
+        self._find = TextField(
+            placeholder="name, note, camera, date", id="sessions-find", select_on_focus=False
+        )
         self._empty = Lines(id="sessions-empty")
         self._frame = Vertical(self._find, self._empty, self._rows, id="sessions-frame")
         self._cards: list[SessionCard] | None = None
@@ -380,7 +382,8 @@ class SessionsView(ModeView):
             out = self._runs.out(command, folder)
             options = await self.app.push_screen_wait(
                 TextQuestion(
-                    f"$ {command.line(folder, out, 'OPTIONS')}\n\nOPTIONS; enter starts the job.",
+                    f"$ {command.line(folder, out, 'OPTIONS')}\n\nIts OPTIONS, or none; enter starts the job. "
+                    f"`{command.program} --help` lists them.",
                     quick,
                     check=partial(command.line, folder, out),
                     title=command.title,

@@ -1,6 +1,7 @@
 """Questions over the screen."""
 
 import pytest
+from textual import events
 from textual.app import App
 from textual.widgets import OptionList, Static
 
@@ -104,3 +105,15 @@ async def test_a_list_of_choices_marks_its_row_without_colours(monkeypatch: pyte
         choices = app.screen.query_one(OptionList)
         marked = [{bool(part.style and part.style.underline) for part in choices.render_line(y)} for y in (0, 1)]
         assert marked == [{False}, {True}]
+
+
+async def test_letters_do_not_overtake_the_key_before_them() -> None:
+    """A paste by a terminal that knows none, or a slow connection, brings all keys at once."""
+    question = TextQuestion("a folder", "/home/ada", check=lambda _: None, title="Import")
+    app = AskingApp(question)
+    async with app.run_test(size=(80, 24)) as pilot:
+        await settle(pilot)
+        for key, character in (("ctrl+u", None), *((each, each) for each in "/tmp/none"), ("enter", None)):
+            app.post_message(events.Key(key, character))
+        await settle(pilot)
+        assert app.answers == ["/tmp/none"]

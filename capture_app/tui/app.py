@@ -328,6 +328,15 @@ class SimulshotApp(App[None]):
             ),
         )
         yield (
+            "capture-app node fps",
+            SystemCommand(
+                "Frames a second",
+                "in a camera's spec, as in `capture-app node --camera v4l2:/dev/video0,fps=60`; of a recording, "
+                "`capture-app record --fps 10`",
+                partial(self.action_switch_mode, "rig"),
+            ),
+        )
+        yield (
             "capture-app theme",
             SystemCommand("Theme", "dark, light, no colour and others", self.action_change_theme),
         )

@@ -85,6 +85,12 @@ async def test_the_palette_does_what_a_key_does() -> None:
         ("mesh", "Depth from all cameras"),
         ("webcam", "Add cameras"),
         ("dark", "Theme"),
+        ("frame rate", "Frames a second"),
+        ("iso", "Exposure"),
+        ("two takes", "Sort"),
+        ("disk", "Empty the trash"),
+        ("size", "Look"),
+        ("kill", "Remove"),
     ],
 )
 async def test_the_palette_finds_an_action_by_the_words_of_other_programs(typed: str, title: str) -> None:
@@ -92,6 +98,13 @@ async def test_the_palette_finds_an_action_by_the_words_of_other_programs(typed:
     async with running(app):
         found = [str(hit.text) async for hit in Palette(app.screen).search(typed)]
         assert any(one.startswith(title) for one in found), found
+
+
+async def test_a_known_word_comes_before_letters_scattered_over_a_title() -> None:
+    app = make_app(FakeRig(1))
+    async with running(app):
+        hits = sorted([hit async for hit in Palette(app.screen).search("pose")], reverse=True)
+        assert [str(hit.text) for hit in hits[:2]] == ["People", "Export to pose2sim"]
 
 
 async def test_the_palette_runs_an_analysis_and_an_export_of_the_selected_session(tmp_path: Path) -> None:

@@ -163,8 +163,12 @@ _OPTIONS = (
     "--field-of-view fov hfov",
 )
 """Options, each with other programs' words for it, without hyphens; the first that a command has wins."""
-_NUMBERS = dict.fromkeys(["integer", "integer range"], "a whole number")
-_NUMBERS |= dict.fromkeys(["float", "float range"], "a number")
+_NUMBERS = {
+    "integer": "a whole number",
+    "integer range": "a whole number",
+    "float": "a number",
+    "float range": "a number",
+}
 """What an option of a type takes, by click's name of the type."""
 _TOO_MANY = re.compile(r"Got unexpected extra arguments? \((.*)\)")
 _CLOSE = 0.75
@@ -188,18 +192,17 @@ def words_for(line: str) -> list[str]:
 
 def advise(error: click.UsageError) -> str:
     """Return the message of a usage error, with what was probably meant by an unknown command or option."""
-    if error.ctx is None:
+    if error.ctx is None or not isinstance(error, click.NoSuchOption | click.NoSuchCommand):
         return _in_our_words(error)
     command = error.ctx.command
     if isinstance(error, click.NoSuchOption):
         what, typed, word = "option", error.option_name, error.option_name.lstrip("-").replace("_", "-")
         names = [name for param in command.get_params(error.ctx) for name in param.opts if name[:1] == "-"]
         known = {line.split()[0]: line for line in _OPTIONS if line.split()[0] in names}
-    elif isinstance(error, click.NoSuchCommand) and isinstance(command, click.Group):
-        what, typed, word = "command", error.command_name, error.command_name
-        names, known = command.list_commands(error.ctx), _COMMANDS.get(error.ctx.command_path, {})
     else:
-        return _in_our_words(error)
+        what, typed, word = "command", error.command_name, error.command_name
+        names = command.list_commands(error.ctx) if isinstance(command, click.Group) else []
+        known = _COMMANDS.get(error.ctx.command_path, {})
     unknown = f"No such {what} '{typed}'"
     for meant, words in known.items():
         if word.casefold() in words.split():
@@ -222,6 +225,9 @@ def _in_our_words(error: click.UsageError) -> str:
     if not is_not or kind.name not in _NUMBERS:
         return f"{name}: {text}"
     low, high, is_open = (getattr(kind, part, None) for part in ("min", "max", "min_open"))
-    begin = "" if low is None else f"{' above' if is_open else ' from'} {low:.9g}"
-    end = "" if high is None else f" to {high:.9g}"
-    return f"{name} takes {_NUMBERS[kind.name]}{begin}{end}, not {given}"
+    limits = "".join(
+        f" {word} {bound:.9g}"
+        for word, bound in (("above" if is_open else "from", low), ("to", high))
+        if bound is not None
+    )
+    return f"{name} takes {_NUMBERS[kind.name]}{limits}, not {given}"

@@ -195,8 +195,7 @@ class Progress:
 
     def last(self, text: str) -> None:
         """Show the last step as the last of all, and how many others were planned but not needed."""
-        unneeded = self.total - self.done - 1
-        self.done = self.total - 1
+        self.done, unneeded = self.total - 1, self.total - self.done - 1
         self.step(f"{text} ({count(unneeded, 'planned step')} not needed)" if unneeded > 0 else text)
 
 

@@ -132,6 +132,10 @@ def on_end(end: Callable[[], object]) -> None:
         if signal.getsignal(number) != signal.SIG_IGN:
             with suppress(NotImplementedError):  # a loop outside the main thread
                 asyncio.get_running_loop().add_signal_handler(number, end)
+    resume = signal.getsignal(signal.SIGCONT)
+    if callable(resume):
+        # A terminal that closes sends it, too: the screen would write to it by a thread that dies at once.
+        signal.signal(signal.SIGCONT, lambda *about: resume(*about) if os.isatty(0) else None)
 
 
 @contextmanager

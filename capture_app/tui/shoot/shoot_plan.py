@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
-from math import inf
 from typing import Any, ClassVar, Literal, Self, TypeVar
 
 from textual import events, work
@@ -129,8 +128,10 @@ class TakeSettings:
     def plan(self, max_s: float | None = None) -> TakePlan:
         """Return the plan of a take with these settings; a recording lasts at most `max_s` seconds."""
         pictures: dict[str, Any] = {"frames": self.frames, "before": self.before}
-        seconds = min(self.seconds or inf, max_s or inf)
-        video: dict[str, Any] = {"video": True, "seconds": None if seconds == inf else seconds}
+        video: dict[str, Any] = {
+            "video": True,
+            "seconds": min(filter(None, (self.seconds, max_s)), default=None),
+        }
         return TakePlan(
             name=self.name,
             note=self.note,
@@ -147,9 +148,10 @@ def render_limit_s(status: RigStatus) -> float | None:
 
     None without a simulated camera of a scene on the leader's machine: a test card is drawn while it records.
     """
-    drawn = tuple(f"scene={scene}" for scene in FLAT_SCENES)
     rendered = sum(
-        node.camera.kind == SIMULATED and "scene=" in node.spec and not any(of in node.spec for of in drawn)
+        node.camera.kind == SIMULATED
+        and "scene=" in node.spec
+        and not any(f"scene={flat}" in node.spec for flat in FLAT_SCENES)
         for node in status.cameras
     )
     return (
@@ -275,16 +277,12 @@ class PlanPanel(Lines, can_focus=True):
     @property
     def advice(self) -> str:
         """What limits the next take, in words; empty if nothing does."""
-        if self.settings.mode != "recording" or self.max_s is None:
-            return ""
         return (
-            f"A recording of simulated cameras ends after {self.max_s:.0f} s: rendering its {MAX_RENDERED}"
-            " frames takes minutes. Fewer cameras record longer; the scene bars has no limit."
+            ""
+            if self.settings.mode != "recording" or self.max_s is None
+            else f"A recording of simulated cameras ends after {self.max_s:.0f} s: rendering its"
+            f" {MAX_RENDERED} frames takes minutes. Fewer cameras record longer; the scene bars has no limit."
         )
-
-    def plan(self) -> TakePlan:
-        """Return the plan of the next take, within what the rig can record."""
-        return self.settings.plan(self.max_s)
 
     def change(self, settings: TakeSettings) -> None:
         """Use these settings from now on, and store them."""

@@ -59,7 +59,6 @@ SOON_S = 5.0
 """Time in which live depth usually starts."""
 NARROW = 110
 """Columns below which a window is narrow; the plan then leaves more space to the pictures."""
-KEEP = Answer("", "esc", "Keep all")
 AGAIN = (Answer("keep", "k", "Keep, take again"), Answer("trash", "t", "Trash, take again"), CANCEL)
 
 
@@ -197,7 +196,7 @@ class ShootView(ModeView):
             recording.ended_s = self._record.clock()
             self._show_course()
         else:
-            self._shoot(self.plan_panel.plan())
+            self._shoot(self.plan_panel.settings.plan(self.plan_panel.max_s))
 
     @property
     def _recording(self) -> Take | None:
@@ -222,7 +221,7 @@ class ShootView(ModeView):
     async def action_retake(self) -> None:
         """Repeat the last take, after asking whether to keep or trash it."""
         last = next((take for take in reversed(self.takes) if take.plan is not None), None)
-        plan = (last and last.plan) or self.plan_panel.plan()
+        plan = (last and last.plan) or self.plan_panel.settings.plan(self.plan_panel.max_s)
         if self._taking.is_open:
             return
         if last is None or last.sheet is None or last.trashed:
@@ -328,7 +327,9 @@ class ShootView(ModeView):
         ]
         answer = await self.app.push_screen_wait(
             Question(
-                "Images saved so far stay; the others are dropped.", [*answers, KEEP], title="Cancel a take"
+                "Images saved so far stay; the others are dropped.",
+                [*answers, Answer("", "esc", "Keep all")],
+                title="Cancel a take",
             )
         )
         if answer is not None:

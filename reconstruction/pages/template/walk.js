@@ -109,8 +109,9 @@
     const { subject, spot, scale, distance } = data.path;
     const ahead = unit(add(subject, from, -1)), right = unit(cross(data.path.down, ahead)), down = cross(ahead, right);
     const wide = target.width, high = target.height, shape = data.width / data.height;
-    /* The whole of the picture's shape is in the canvas. */
-    const width = Math.min(wide, high * shape), height = width / shape;
+    /* The picture fills a canvas of another shape, but for at most a third of its width or height. */
+    const whole = Math.min(wide, high * shape), width = Math.min(Math.max(wide, high * shape), 1.5 * whole);
+    const height = width / shape;
     const focal = scale * width * distance;
     const cx = (wide - width) / 2 + spot[0] * width, cy = (high - height) / 2 + spot[1] * height;
     const n = data.path.near, f = data.path.far;

@@ -4,6 +4,7 @@ import ast
 import asyncio
 import importlib
 import os
+import signal
 import socket
 import subprocess
 import sys
@@ -203,3 +204,21 @@ def test_timers_of_the_loop_are_accurate_to_milliseconds() -> None:
 
     with asyncio.Runner(loop_factory=system.new_event_loop) as runner:
         assert min(runner.run(sleeps())) >= 19_000_000
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such signal")
+@pytest.mark.parametrize("is_open", [True, False])
+async def test_a_screen_resumes_only_while_its_terminal_is_open(
+    monkeypatch: pytest.MonkeyPatch, *, is_open: bool
+) -> None:
+    resumed: list[bool] = []
+    before = signal.signal(signal.SIGCONT, lambda *_: resumed.append(True))
+    try:
+        system.on_end(lambda: None)
+        monkeypatch.setattr("os.isatty", lambda _: is_open)
+        signal.raise_signal(signal.SIGCONT)
+    finally:
+        signal.signal(signal.SIGCONT, before)
+        for number in (signal.SIGTERM, signal.SIGHUP):
+            asyncio.get_running_loop().remove_signal_handler(number)
+    assert resumed == [True] * is_open

@@ -64,11 +64,17 @@ def difference(browser: Browser, page: Path) -> float:
     """The mean difference of grey levels of what is drawn from the middle to the page's picture, blurred."""
     asked(browser, MIDDLE)
     shown = drawn(browser)
-    height, width = shown.shape[:2]
-    expected = cv2.resize(still(page), (width, height))
-    middle = np.s_[height // 8 : -height // 8, width // 8 : -width // 8]
-    blurred = [cv2.GaussianBlur(one, (0, 0), 2)[middle].astype(float) for one in (shown, expected)]
-    return float(np.abs(blurred[0] - blurred[1]).mean())
+    expected = still(page)
+    scales = sorted(has / of for has, of in zip(shown.shape[:2], expected.shape[:2], strict=True))
+    expected = cv2.resize(expected, None, fx=(scale := min(scales[1], 1.5 * scales[0])), fy=scale)
+    height, width = (min(sides) * 3 // 4 for sides in zip(shown.shape[:2], expected.shape[:2], strict=True))
+    middles = [
+        cv2.getRectSubPix(
+            cv2.GaussianBlur(one, (0, 0), 2), (width, height), (one.shape[1] / 2, one.shape[0] / 2)
+        )
+        for one in (shown, expected)
+    ]
+    return float(np.abs(middles[0].astype(float) - middles[1]).mean())
 
 
 def complaints(browser: Browser) -> list[Any]:

@@ -74,8 +74,8 @@ def quit_question(
             goes_on = burst.recording and not burst.ended
             lines.append(
                 f"{burst.name} is {'recording' if goes_on else 'being saved'}: {burst.received} of "
-                f"{burst.expected} images are here. A rig that stops now saves no others: cameras keep what they "
-                "have stored, and bring it when they join again; simulated ones lose what is not rendered."
+                f"{burst.expected} images are here. A rig that stops now saves no others: cameras keep what "
+                "they have stored, and bring it when they join again; simulated ones lose what is unrendered."
                 + (" If it is left running, `capture-app record --stop` ends the recording." * goes_on)
             )
     if jobs:
@@ -331,8 +331,8 @@ class SimulshotApp(App[None]):
             "capture-app node fps",
             SystemCommand(
                 "Frames a second",
-                "in a camera's spec, as in `capture-app node --camera v4l2:/dev/video0,fps=60`; of a recording, "
-                "`capture-app record --fps 10`",
+                "in a camera's spec, as in `capture-app node --camera v4l2:/dev/video0,fps=60`; of a "
+                "recording, `capture-app record --fps 10`",
                 partial(self.action_switch_mode, "rig"),
             ),
         )
@@ -396,7 +396,7 @@ class SimulshotApp(App[None]):
         self.notify("The rig stops when the take is saved; q asks again", timeout=SCREEN_STOP_TIMEOUT_S)
         with contextlib.suppress(SimulshotError):  # a burst, or a recording that has just ended
             await self._source.order(EndBurst())
-        while not self._record.lost and _unsaved(self._record.status):
+        while not self._record.lost and _unsaved(self._record.status):  # noqa: ASYNC110 - of the record
             await asyncio.sleep(POLL_S)
         self._end(stop_rig=True)
 

@@ -7,7 +7,6 @@ from textual.system_commands import SystemCommandsProvider
 
 from capture_app.console.known_words import words_for
 
-
 _KNOWN = 50
 """Score of a whole known word: above letters that are scattered over a title."""
 

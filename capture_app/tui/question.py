@@ -103,7 +103,11 @@ class Question(BoxDialog[str | None]):
 
 
 class ListQuestion(BoxDialog[str | None]):
-    """List of things with explanations; Enter returns the name of the selected one, Escape None."""
+    """List of things with explanations; Enter or Space returns the name of the selected one, Escape None."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("space", "choose", "Choose", show=False, id="question.choose"),
+    ]
 
     def __init__(self, title: str, rows: Mapping[str, tuple[str, str]], chosen: str = "") -> None:
         """`rows`: title and explanation by name; `chosen`: the name selected first."""
@@ -118,6 +122,10 @@ class ListQuestion(BoxDialog[str | None]):
         )
         choices.highlighted = list(rows).index(chosen) if chosen in rows else 0
         super().__init__(title, choices, subtitle="enter chooses · esc cancels")
+
+    def action_choose(self) -> None:
+        """Return the selected name."""
+        self.query_one(OptionList).action_select()
 
     def on_option_list_option_selected(self, event: OptionList.OptionSelected) -> None:
         """Return the selected name."""

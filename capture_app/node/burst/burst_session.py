@@ -99,8 +99,10 @@ class BurstSession:
         self.order_end: Callable[[], int] | None = None
         """Order the cameras to end a streamed burst now, and return the number of instants until then."""
         self._broken_off: int | None = None
-        """Number of instants until an error of the disk, or the leader's end, ended it: its cameras have frames of
-        all of them."""
+        """Number of instants until an error of the disk, or the leader's end, ended it.
+
+        Its cameras have frames of all of them.
+        """
         self.is_closing = False
         """Whether nothing more is awaited, though all cameras of a streamed burst may come back."""
         self._writer, self._disk, self._lost = writer, disk, lost

@@ -246,6 +246,10 @@ def burst_of(plan: BurstPlan) -> Burst:
 
 def result_text(burst: BurstRecord, missing: Sequence[MissingImage]) -> str:
     """Return one line about missing images, skipped instants and those not taken; empty for none."""
-    reasons = "; ".join(sorted({f"{gap.camera}: {gap.reason}" for gap in missing}))
+    cameras = {
+        why: sorted({gap.camera for gap in missing if gap.reason == why})
+        for why in sorted({gap.reason for gap in missing})
+    }
+    reasons = "; ".join(f"{', '.join(names)}: {why}" for why, names in cameras.items())
     text = f"{count(len(missing), 'image')} missing ({reasons})" if missing else ""
     return "; ".join(filter(None, (burst.shortfall, text, skipped_text(burst.skipped))))

@@ -177,7 +177,7 @@ def read_card(folder: Path) -> SessionCard:
         cameras=tuple(manifest.labels.values()),
         instants=instants,
         images=images,
-        size_bytes=sum(file.bytes for file in (*manifest.images, *manifest.videos)),
+        size_bytes=sum(of.bytes for of in manifest.images) + sum(of.bytes for of in manifest.videos),
         missing=manifest.expected_images - images,
         loss=max(frames_lost(manifest).values(), default=0) / max(1, manifest.ordered_instants),
         absent=manifest.burst.absence,

@@ -405,7 +405,7 @@ class SessionsView(ModeView):
             out = self._runs.out(command, folder)
             options = await self.app.push_screen_wait(
                 TextQuestion(
-                    f"$ {command.line(folder, out, 'OPTIONS')}\n\nIts OPTIONS, or none; enter starts the job. "
+                    f"$ {command.line(folder, out, 'OPTIONS')}\n\nIts OPTIONS, or none; enter starts it. "
                     f"`{command.program} --help` lists them.",
                     quick,
                     check=partial(command.line, folder, out),

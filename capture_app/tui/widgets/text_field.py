@@ -7,7 +7,7 @@ from textual.widgets import Input
 class TextField(Input):
     """Input that does its keys in the order in which they are typed.
 
-    Textual's hands the key of a binding, such as ctrl+u, to the app, and letters that follow it at once overtake it.
+    Textual's hands the key of a binding, such as ctrl+u, to the app, and letters typed at once overtake it.
     """
 
     async def _on_key(self, event: events.Key) -> None:

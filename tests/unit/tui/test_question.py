@@ -103,7 +103,9 @@ async def test_a_list_of_choices_marks_its_row_without_colours(monkeypatch: pyte
         await settle(pilot)
         await pilot.press("down")
         choices = app.screen.query_one(OptionList)
-        marked = [{bool(part.style and part.style.underline) for part in choices.render_line(y)} for y in (0, 1)]
+        marked = [
+            {bool(part.style and part.style.underline) for part in choices.render_line(y)} for y in (0, 1)
+        ]
         assert marked == [{False}, {True}]
 
 

@@ -119,3 +119,16 @@ async def test_letters_do_not_overtake_the_key_before_them() -> None:
             app.post_message(events.Key(key, character))
         await settle(pilot)
         assert app.answers == ["/tmp/none"]
+
+
+async def test_space_chooses_from_a_list_as_enter_does() -> None:
+    for key in ("space", "enter"):
+        chosen: list[str | None] = []
+        app = make_app(FakeRig(5))
+        async with running(app) as pilot:
+            rows = {"a": ("one", "first"), "b": ("two", "second")}
+            app.push_screen(ListQuestion("choose", rows), chosen.append)
+            await settle(pilot)
+            await pilot.press("down", key)
+            await settle(pilot)
+        assert chosen == ["b"]

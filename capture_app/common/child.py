@@ -88,8 +88,10 @@ class Child:
         """Return the error of a process that ended unexpectedly: its own last line."""
         await asyncio.wait((self.listening,), timeout=1.0)
         last = next((line for line in reversed(self.said) if line), "it printed nothing")
-        last = (last.partition(": error: ")[2] or last).removeprefix(f"{self.name}: ")
         code = self.process.returncode
+        if code is not None and code < 0 and last.startswith(f"{self.name}: "):
+            last = "it was killed"  # what it logged before, perhaps long ago, is not the reason
+        last = (last.partition(": error: ")[2] or last).removeprefix(f"{self.name}: ")
         return error_of_exit(code, f"{self.name} ended with code {code}: {last}")
 
     async def output(self) -> bytes:

@@ -153,6 +153,13 @@ _ACTIONS = {
     "capture-app rig add": "webcam webcams usb device devices simulated simulate sim node connect",
     "capture-app app quit": "exit close leave",
     "capture-app app help": "keys shortcuts",
+    "capture-app cameras set": "shutter iso",
+    "capture-app node fps": "fps frame-rate framerate rate hz",
+    "capture-app sessions empty-trash": "disk space storage size free",
+    "capture-app sessions look": "disk storage size",
+    "capture-app sessions sort": "two-takes compare-takes best rank order",
+    "capture-app sessions import": "sound audio timecode",
+    "capture-app rig remove": "kill stop-camera",
 }
 """Actions of the screen that are not commands, written as if they were, with other words for them."""
 _OPTIONS = {

@@ -22,8 +22,8 @@ from capture_app.common.errors import SimulshotError
 from capture_app.common.node_state import NodeState
 from capture_app.common.text import count, printable
 from capture_app.common.timeouts import SCREEN_STOP_TIMEOUT_S
-from capture_app.protocol.orders import StopRig
-from capture_app.protocol.status import LogLine, RigStatus
+from capture_app.protocol.orders import EndBurst, StopRig
+from capture_app.protocol.status import BurstStatus, LogLine, RigStatus
 from capture_app.rig.process import AttachedRig
 from capture_app.rig.rig_link import LinkLost, RigLink
 from capture_app.tui.jobs.jobs_view import JobsView
@@ -43,7 +43,9 @@ from capture_app.tui.shoot.shoot_view import ShootView
 from capture_app.tui.signs import DARK, PLAIN, THEMES
 from capture_app.tui.widgets.picture import SharpTerminal, find_sharp_terminal
 
-LEAVE, STOP, STAY = "leave", "stop", "stay"
+LEAVE, FINISH, STOP, STAY = "leave", "finish", "stop", "stay"
+POLL_S = 0.2
+"""Interval at which a take that is awaited is looked at, s."""
 FOREIGN_JOBS_S = 2.0
 """Interval at which the state of another screen's jobs is read, s."""
 SETTLED_S = 5.0
@@ -68,13 +70,13 @@ def quit_question(
             f"The rig at {status.leader}{own_cameras} can keep running without the screen. "
             "The next start of the screen finds it."
         )
-        if status.burst is not None and not status.burst.done:
-            is_recording = status.burst.recording and not status.burst.ended
+        if burst := _unsaved(status):
+            goes_on = burst.recording and not burst.ended
             lines.append(
-                f"{status.burst.name} is recording, and goes on if the rig is left running: "
-                "`capture-app record --stop` ends it. A rig that stops saves what was taken so far."
-                if is_recording
-                else f"{status.burst.name} is being saved; a rig that stops keeps only the images received."
+                f"{burst.name} is {'recording' if goes_on else 'being saved'}: {burst.received} of "
+                f"{burst.expected} images are here. A rig that stops now saves no others: cameras keep what "
+                "they have stored, and bring it when they join again; simulated ones lose what is unrendered."
+                + (" If it is left running, `capture-app record --stop` ends the recording." * goes_on)
             )
     if jobs:
         more = f" and {count(len(jobs) - NAMED_JOBS, 'more job')}" if len(jobs) > NAMED_JOBS else ""
@@ -89,9 +91,16 @@ def quit_question(
     if not asks_for_rig:
         return Question("\n\n".join(lines), [stay, Answer(LEAVE, "y", "Quit" + ending)], title="Quit?")
     answers = [Answer(LEAVE, "l", f"Leave the rig running{ending}"), Answer(STOP, "s", "Stop the rig")]
+    if _unsaved(status):
+        answers.insert(0, Answer(FINISH, "f", "Finish saving, then stop the rig"))
     # The first answer has the focus, so that Enter ends no job.
     answers = [stay, *answers] if jobs else [*answers, stay]
     return Question("\n\n".join(lines), answers, title="Quit?")
+
+
+def _unsaved(status: RigStatus | None) -> BurstStatus | None:
+    """Return the newest take if images of it are still to come."""
+    return None if status is None or status.burst is None or status.burst.done else status.burst
 
 
 class SimulshotApp(App[None]):
@@ -319,6 +328,15 @@ class SimulshotApp(App[None]):
             ),
         )
         yield (
+            "capture-app node fps",
+            SystemCommand(
+                "Frames a second",
+                "in a camera's spec, as in `capture-app node --camera v4l2:/dev/video0,fps=60`; of a "
+                "recording, `capture-app record --fps 10`",
+                partial(self.action_switch_mode, "rig"),
+            ),
+        )
+        yield (
             "capture-app theme",
             SystemCommand("Theme", "dark, light, no colour and others", self.action_change_theme),
         )
@@ -365,8 +383,22 @@ class SimulshotApp(App[None]):
             self.exit()
 
     def _leave(self, answer: str | None) -> None:
-        if answer in (STOP, LEAVE):
+        if answer == FINISH:
+            self._finish()
+        elif answer in (STOP, LEAVE):
             self._end(stop_rig=answer == STOP)
+        elif answer == STAY:
+            self.workers.cancel_group(self, "leaving")
+
+    @work(group="leaving", exclusive=True)
+    async def _finish(self) -> None:
+        """End a recording, and stop the rig when all takes are saved; the screen stays usable meanwhile."""
+        self.notify("The rig stops when the take is saved; q asks again", timeout=SCREEN_STOP_TIMEOUT_S)
+        with contextlib.suppress(SimulshotError):  # a burst, or a recording that has just ended
+            await self._source.order(EndBurst())
+        while not self._record.lost and _unsaved(self._record.status):  # noqa: ASYNC110 - of the record
+            await asyncio.sleep(POLL_S)
+        self._end(stop_rig=True)
 
     @work(group="leaving", exclusive=True)
     async def _end(self, *, stop_rig: bool) -> None:

@@ -7,6 +7,9 @@ from textual.system_commands import SystemCommandsProvider
 
 from capture_app.console.known_words import words_for
 
+_KNOWN = 50
+"""Score of a whole known word: above letters that are scattered over a title."""
+
 
 class Palette(SystemCommandsProvider):
     """Actions that match what is typed."""
@@ -15,5 +18,7 @@ class Palette(SystemCommandsProvider):
         """Yield the actions of which the title matches, or a word begins so."""
         matcher, typed = self.matcher(query), query.strip().casefold().replace(" ", "-")
         for line, (title, text, callback, _) in cast(Any, self.app).actions(self.screen):
-            if score := max(matcher.match(title), any(word.startswith(typed) for word in words_for(line))):
+            words = words_for(line)
+            known = _KNOWN if typed in words else any(word.startswith(typed) for word in words)
+            if score := max(matcher.match(title), known):
                 yield Hit(score, matcher.highlight(title), callback, help=text)

@@ -19,6 +19,7 @@ from capture_app.session.reading.take_sheet import TakeSheet
 from capture_app.session.reading.verdict import GRADE_LIMITS
 from capture_app.tui.widgets.dialog import Dialog, Result
 from capture_app.tui.widgets.key_footer import KeyFooter
+from capture_app.tui.widgets.text_field import TextField
 
 BESIDE, BUTTON_EXTRA = 56, 7
 """Maximum cells of answers in a row, otherwise a column is used; cells that a button adds to its label."""
@@ -38,7 +39,9 @@ class BoxDialog(Dialog[Result], ModalScreen[Result]):
     }
     BoxDialog .question { width: 1fr; height: auto; margin-bottom: 1; }
     BoxDialog .wrong { color: $error; height: auto; }
-    BoxDialog Input, BoxDialog Input:focus { border: none; height: 1; padding: 0 1; background: $surface; }
+    BoxDialog Input, BoxDialog Input:focus {
+        border: none; border-left: outer $primary; height: 1; padding: 0 1; background: $background;
+    }
     """
 
     def __init__(self, title: str, *children: Widget, subtitle: str = "") -> None:
@@ -100,7 +103,11 @@ class Question(BoxDialog[str | None]):
 
 
 class ListQuestion(BoxDialog[str | None]):
-    """List of things with explanations; Enter returns the name of the selected one, Escape None."""
+    """List of things with explanations; Enter or Space returns the name of the selected one, Escape None."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("space", "choose", "Choose", show=False, id="question.choose"),
+    ]
 
     def __init__(self, title: str, rows: Mapping[str, tuple[str, str]], chosen: str = "") -> None:
         """`rows`: title and explanation by name; `chosen`: the name selected first."""
@@ -116,6 +123,10 @@ class ListQuestion(BoxDialog[str | None]):
         choices.highlighted = list(rows).index(chosen) if chosen in rows else 0
         super().__init__(title, choices, subtitle="enter chooses · esc cancels")
 
+    def action_choose(self) -> None:
+        """Return the selected name."""
+        self.query_one(OptionList).action_select()
+
     def on_option_list_option_selected(self, event: OptionList.OptionSelected) -> None:
         """Return the selected name."""
         self.dismiss(event.option_id)
@@ -128,7 +139,7 @@ class TextQuestion(BoxDialog[str | None]):
         """`check` raises SimulshotError for a text that is not valid."""
         self._check = check
         self._wrong = Static("", classes="wrong")
-        self._line, self._value = Input(), value
+        self._line, self._value = TextField(), value
         super().__init__(
             title,
             Static(Content(printable(text)), classes="question"),

@@ -117,7 +117,8 @@ PLAIN = Theme(
         "border-blurred": "ansi_default",
         "block-cursor-foreground": "ansi_default",
         "block-cursor-background": "ansi_default",
-        "block-cursor-text-style": "reverse",
+        # Lists of choices drop "reverse" (Textual 8), and would show no cursor.
+        "block-cursor-text-style": "reverse underline",
         "input-cursor-background": "ansi_default",
         "input-cursor-foreground": "ansi_default",
         "input-cursor-text-style": "reverse",

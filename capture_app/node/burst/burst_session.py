@@ -99,7 +99,10 @@ class BurstSession:
         self.order_end: Callable[[], int] | None = None
         """Order the cameras to end a streamed burst now, and return the number of instants until then."""
         self._broken_off: int | None = None
-        """Number of instants until an error of the disk ended it: its cameras have frames of all of them."""
+        """Number of instants until an error of the disk, or the leader's end, ended it.
+
+        Its cameras have frames of all of them.
+        """
         self.is_closing = False
         """Whether nothing more is awaited, though all cameras of a streamed burst may come back."""
         self._writer, self._disk, self._lost = writer, disk, lost
@@ -460,7 +463,9 @@ class BurstSession:
         if isinstance(error, DiskFullError) and self.burst.streamed and self._now_ns < self._ends_ns:
             self.trouble = f"{error}; the cameras keep their images meanwhile"
         else:
-            self._background.start(self._break_off(error))
+            is_full = isinstance(error, DiskFullError)
+            reason = "the leader's disk is full" if is_full else f"at the leader: {error.what}"
+            self._background.start(self.break_off(reason))
 
     # Choice of instants, and the plan
 
@@ -506,15 +511,11 @@ class BurstSession:
             await self._save_plan(self._choice.requested)
         await self.finish_if_complete()
 
-    async def _break_off(self, error: DiskError) -> None:
-        """Finish after an error of the disk; a streamed burst ends now. Its cameras keep what is missing."""
+    async def break_off(self, reason: str) -> None:
+        """Finish now, with `reason`; a streamed burst ends. Its cameras keep what is missing."""
         if self.order_end is not None and self._broken_off is None:
             self._broken_off = self.order_end()
-        await self.finish_now(
-            "the leader's disk is full"
-            if isinstance(error, DiskFullError)
-            else f"at the leader: {error.what}"
-        )
+        await self.finish_now(reason)
 
     async def give_up_camera(self, name: str, reason: str, *, silent: bool = False) -> None:
         """Stop waiting for a camera; `silent` if it may still have its images."""
@@ -696,6 +697,8 @@ class BurstSession:
             for delivery in self._deliveries.values()
             for n in (delivery.plan.picked or 0, delivery.instants.end)
         ]
+        # What an earlier run missed counts, too: else a recording that it broke off would be shorter here.
+        ends += [instant + 1 for _, instant in self._lost or ()]
         return min(self.burst.frames, max(self._broken_off or 0, *ends))
 
     def _passed(self, now_ns: int) -> int:

@@ -245,6 +245,10 @@ def result_text(burst: BurstRecord, missing: Sequence[MissingImage], titles: Map
 
     `titles` is what people call each camera.
     """
-    reasons = "; ".join(sorted({f"{titles[gap.camera]}: {gap.reason}" for gap in missing}))
+    cameras = {
+        why: sorted({titles[gap.camera] for gap in missing if gap.reason == why})
+        for why in sorted({gap.reason for gap in missing})
+    }
+    reasons = "; ".join(f"{', '.join(names)}: {why}" for why, names in cameras.items())
     text = f"{count(len(missing), 'image')} missing ({reasons})" if missing else ""
     return "; ".join(filter(None, (burst.shortfall, text, skipped_text(burst.skipped, titles))))

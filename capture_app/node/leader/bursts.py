@@ -168,13 +168,19 @@ class ActiveBursts:
         """Return the leader's time."""
         return self._options.clock.now_ns()
 
+    def end_all(self) -> None:
+        """Order the cameras of all recordings and long bursts to end now."""
+        for session in self._bursts.values():
+            if session.burst.streamed and not session.finished.is_set():
+                self._stop_cameras(session)
+
     async def close(self) -> None:
         """Save bursts in progress with the images received so far."""
         await self._background.end()
         for burst in tuple(self._bursts.values()):
             if not burst.finished.is_set():
                 # Nodes still have the other images, and the next run may fetch them.
-                await (burst.suspend() if burst.is_empty() else burst.finish_now("the leader was stopped"))
+                await (burst.suspend() if burst.is_empty() else burst.break_off("the leader was stopped"))
                 self._note_finished(burst)
         await self.resumed.suspend_all()
         self._disk.shutdown(wait=False)

@@ -90,6 +90,8 @@ class LeaderNode(PortEndpoint):
 
         Bursts in progress are saved with the images received so far.
         """
+        # Before nodes end, which takes time in which nothing is recorded.
+        self.bursts.end_all()
         if self._local is not None:
             await self._local.aclose()
         for follower in self.options.followers:

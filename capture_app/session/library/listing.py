@@ -56,6 +56,8 @@ class SessionCard(Struct, frozen=True, kw_only=True):
     """What their owner calls them."""
     instants: int = 0
     images: int = 0
+    size_bytes: int = 0
+    """Size of its images and videos; without a simulated take's ground truth."""
     missing: int = 0
     """Number of missing images, those of absent cameras included."""
     loss: float = 0.0
@@ -142,9 +144,12 @@ class SessionListing:
 
 
 def best_synchronized(cards: list[SessionCard]) -> SessionCard | None:
-    """Return the best synchronized session, errors included; None if fewer than two are known."""
+    """Return the best synchronized session, errors included; None if fewer than two are known.
+
+    One without a missing image comes before all others.
+    """
     known = [card for card in cards if card.worst_ns is not None and card.state == "complete"]
-    return min(known, key=lambda card: card.worst_ns or 0) if len(known) > 1 else None
+    return min(known, key=lambda card: (card.missing > 0, card.worst_ns)) if len(known) > 1 else None
 
 
 def read_card(folder: Path) -> SessionCard:
@@ -172,6 +177,7 @@ def read_card(folder: Path) -> SessionCard:
         cameras=tuple(manifest.labels.values()),
         instants=instants,
         images=images,
+        size_bytes=sum(of.bytes for of in manifest.images) + sum(of.bytes for of in manifest.videos),
         missing=manifest.expected_images - images,
         loss=max(frames_lost(manifest).values(), default=0) / max(1, manifest.ordered_instants),
         absent=manifest.burst.absence,

@@ -244,7 +244,7 @@ class ResultScreen(WholeScreen[None]):
         source = self._sources.setdefault(path, partial(_read, path))
         self._picture.show(
             source,
-            f"{path.name} no longer exists: run the job again",
+            "" if path.is_file() else f"{path.name} no longer exists: run the job again",
             sharp=None if self._blinks else source,
         )
         labels = [

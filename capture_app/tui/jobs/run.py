@@ -78,6 +78,11 @@ class Command:
             and (session / self.replaces).exists()
         )
 
+    @property
+    def program(self) -> str:
+        """What is typed to run it, without arguments."""
+        return f"{_PROGRAMS.get(self.module, self.module)} {' '.join(self.words)}"
+
     def line(self, session: Path, out: Path | None, options: str) -> str:
         """Return the equivalent command line."""
         return command_line(_PROGRAMS.get(self.module, self.module), *self.arguments(session, out, options))

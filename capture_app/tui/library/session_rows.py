@@ -17,7 +17,7 @@ from textual.strip import Strip
 
 import capture_app
 from capture_app.common.names import natural_order
-from capture_app.common.text import count, printable
+from capture_app.common.text import count, megabytes, printable
 from capture_app.session.library.listing import SessionCard, best_synchronized, load_thumbnail
 from capture_app.session.reading.take_sheet import TakeSheet
 from capture_app.session.reading.verdict import cap_grade, describe_spread, grade_of, is_incomplete
@@ -88,7 +88,7 @@ def find_samples(sessions: Path) -> Path | None:
 def _sort(cards: Sequence[SessionCard], order: Order) -> list[SessionCard]:
     found = sorted(cards, key=lambda card: natural_order(card.name))
     if order == "best synchronized first":
-        found.sort(key=lambda card: (card.worst_ns is None, card.worst_ns or 0))
+        found.sort(key=lambda card: (card.worst_ns is None, card.missing > 0, card.worst_ns or 0))
     if order == "newest first":
         # A session being saved has no date yet and is the newest.
         found.sort(key=lambda card: (card.state == "being saved", card.created), reverse=True)
@@ -250,8 +250,9 @@ class TakePane(Vertical):
     def show(self, entry: Entry | None, sheet: TakeSheet | None) -> None:
         """Show a session; `sheet` is None if it is missing or not loaded yet."""
         self.entry = entry
-        facts = "" if entry is None else f"{count(len(entry.card.cameras), 'camera')} · {entry.card.folder}"
-        write_border(self, None, printable(facts))
+        card = None if entry is None else entry.card
+        facts = (count(len(card.cameras), "camera"), megabytes(card.size_bytes), card.folder) if card else ()
+        write_border(self, None, printable(" · ".join(map(str, facts))))
         if sheet is not self.sheet.sheet:
             self.sheet.show(sheet)
         self._show_words()

@@ -11,7 +11,6 @@ from textual import work
 from textual.binding import Binding, BindingType
 from textual.containers import Vertical
 from textual.content import Content
-from textual.widgets import Input
 
 from capture_app.common.errors import BadInputError, SimulshotError
 from capture_app.common.names import check_name, free_name
@@ -19,10 +18,12 @@ from capture_app.common.text import count, printable
 from capture_app.session.exporting.exporter import load_exporters
 from capture_app.session.library.changes import (
     check_note,
+    empty_trash,
     rename_session,
     restore_session,
     set_note,
     trash_session,
+    trashed_sessions,
 )
 from capture_app.session.library.listing import SessionCard, SessionListing
 from capture_app.session.reading.take_sheet import TakeSheet
@@ -48,6 +49,7 @@ from capture_app.tui.question import Answer, ListQuestion, Question, TextQuestio
 from capture_app.tui.rig_record import RecordChanged, SessionMoved, showing_errors
 from capture_app.tui.screen_settings import Settings
 from capture_app.tui.widgets.lines import Lines, write_border
+from capture_app.tui.widgets.text_field import TextField
 
 LOOK_AGAIN_S = 2.0
 """Interval at which the folder is read while visible, in seconds."""
@@ -63,7 +65,13 @@ class SessionsView(ModeView):
     """View of a folder's sessions, the bundled samples, and the runs on both."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("enter", "on_session('look')", "Look", id="sessions.look"),
+        Binding(
+            "enter",
+            "on_session('look')",
+            "Look",
+            id="sessions.look",
+            tooltip="its pictures, verdict, size and folder",
+        ),
         Binding("y", "on_session('explain')", "Why", id="sessions.why", tooltip="explains the verdict"),
         Binding(
             "c",
@@ -94,7 +102,22 @@ class SessionsView(ModeView):
         Binding("n", "on_session('rename')", "Name", id="sessions.rename"),
         Binding("t", "on_session('note')", "Note", id="sessions.note"),
         Binding("u", "undo", "Undo", id="sessions.undo"),
-        Binding("less_than_sign", "sort", "Sort", id="sessions.sort", key_display="<"),
+        Binding(
+            "E",
+            "empty_trash",
+            "Empty the trash",
+            show=False,
+            id="sessions.empty-trash",
+            tooltip="frees its disk space, after a question",
+        ),
+        Binding(
+            "less_than_sign",
+            "sort",
+            "Sort",
+            id="sessions.sort",
+            key_display="<",
+            tooltip="takes against each other: by synchronization, name, time",
+        ),
         Binding("slash", "filter", "Find", id="sessions.filter", key_display="/"),
         Binding(
             "V",
@@ -119,7 +142,9 @@ class SessionsView(ModeView):
         cache = user_cache_path("simulshot", appauthor=False) / "thumbnails"
         self._rows = SessionRows(cache, runs)
         self._pane = TakePane()
-        self._find = Input(placeholder="name, note, camera, date", id="sessions-find", select_on_focus=False)
+        self._find = TextField(
+            placeholder="name, note, camera, date", id="sessions-find", select_on_focus=False
+        )
         self._empty = Lines(id="sessions-empty")
         self._frame = Vertical(self._find, self._empty, self._rows, id="sessions-frame")
         self._cards: list[SessionCard] | None = None
@@ -380,7 +405,8 @@ class SessionsView(ModeView):
             out = self._runs.out(command, folder)
             options = await self.app.push_screen_wait(
                 TextQuestion(
-                    f"$ {command.line(folder, out, 'OPTIONS')}\n\nOPTIONS; enter starts the job.",
+                    f"$ {command.line(folder, out, 'OPTIONS')}\n\nIts OPTIONS, or none; enter starts it. "
+                    f"`{command.program} --help` lists them.",
                     quick,
                     check=partial(command.line, folder, out),
                     title=command.title,
@@ -505,6 +531,22 @@ class SessionsView(ModeView):
             self.post_message(SessionMoved(restored, restored))
             self._look_for(restored)
         await self._runs.read()
+
+    @work
+    async def action_empty_trash(self) -> None:
+        """Delete the sessions in the trash for good, after a question."""
+        root = self._listing.root
+        sessions = count(len(await asyncio.to_thread(trashed_sessions, root)), "session")
+        question = Question(
+            f"The trash of {root} has {sessions}. Nothing restores what is deleted here.",
+            [Answer("keep", "k", "Keep the trash"), Answer("delete", "d", "Delete for good")],
+            title="Empty the trash?",
+        )
+        if await self.app.push_screen_wait(question) == "delete":
+            with showing_errors(self):
+                deleted = await asyncio.to_thread(empty_trash, root)
+                self.app.notify(f"{count(deleted, 'session')} deleted")
+            await self._runs.read()
 
 
 def name_question(card: SessionCard) -> TextQuestion:

@@ -116,8 +116,9 @@ class StartPanel(Vertical):
         self.action_rescan()
 
     def focus_first(self) -> None:
-        """Focus the list."""
+        """Focus the list, and look what is here now."""
         self._list.focus()
+        self.action_rescan()
 
     def show_leader(self, leader: str) -> None:
         """Show the address at which other machines reach the leader."""
@@ -178,7 +179,7 @@ class StartPanel(Vertical):
             "s",
             f"Try {count(self._cameras, 'simulated camera')}",
             f"Each camera is a process whose clock is hours off. They see the scene “{self.scene}”. "
-            "+ and - change their number, N the scene.",
+            f"+ and - change their number, up to its {len(VIEWS[self.scene])} views, N the scene.",
             self.action_simulate,
         )
         if self._saved_count:

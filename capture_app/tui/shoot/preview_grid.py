@@ -103,10 +103,13 @@ class PreviewTile(Vertical):
             (printable(node.camera.called(node.name)), "bold"),
         )
         rate = "" if node.fps is None or self.picture.is_grey else f" {node.fps:.1f} fps"
+        # How long a camera is lost says more than how old its picture is.
+        is_lost = sign is SIGNS[NodeState.LOST]
+        word = f" {sign.word}{f' {age_words(1e-9 * node.last_seen_ns)}' * is_lost}"
         parts = (
             title,
-            Content.styled(self._age, "$warning"),
-            Content.styled(f" {sign.word}", sign.style),
+            Content.styled("" if is_lost else self._age, "$warning"),
+            Content.styled(word, sign.style),
             Content.styled(rate, "$foreground-muted"),
         )
         # Parts that do not fit are omitted rather than cut.

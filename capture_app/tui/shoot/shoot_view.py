@@ -207,7 +207,15 @@ class ShootView(ModeView):
 
     def describe_key(self, action: str) -> str:
         """Name what the key of an action does now; empty for its usual name."""
-        return "Stop" if action == "take" and self._recording is not None else ""
+        if action != "take":
+            return ""
+        return (
+            "Stop"
+            if self._recording is not None
+            else "Record"
+            if self.plan_panel.settings.mode == "recording"
+            else ""
+        )
 
     def action_stop(self) -> None:
         """Stop a countdown, a series or a wait; images already taken are saved."""
@@ -490,13 +498,7 @@ class ShootView(ModeView):
             return Content.styled(printable(f"{NO_LEADER}{remedy}: {self._record.lost}"), NO_LEADER.style)
         if newest is not None and not newest.status.done and not newest.problem:
             words = f"◔ {printable(newest.status.name)}: {progress_words(newest, now_s, self.takes)}"
-            words += (
-                "; Space stops"
-                if newest is self._recording
-                else "; x cancels"
-                if newest.status.recording
-                else ""
-            )
+            words += "; Space stops, x cancels" if newest is self._recording else "; x cancels"
             return Content.styled(words, "bold $primary")
         if self._failure:
             return Content.styled(f"! no take: {printable(self._failure)}", "bold $warning")

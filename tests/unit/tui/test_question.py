@@ -1,11 +1,14 @@
 """Questions over the screen."""
 
+import pytest
+from textual import events
 from textual.app import App
-from textual.widgets import Static
+from textual.widgets import OptionList, Static
 
 from capture_app.common.errors import BadInputError
-from capture_app.tui.question import Answer, Question, TextQuestion
-from tests.unit.tui.driving import settle
+from capture_app.tui.question import Answer, ListQuestion, Question, TextQuestion
+from tests.unit.tui.driving import make_app, running, settle
+from tests.unit.tui.fake_rig import FakeRig
 
 ANSWERS = (Answer("keep", "k", "Keep both"), Answer("trash", "t", "Trash the earlier one"))
 
@@ -90,3 +93,42 @@ async def test_answers_too_long_to_stand_beside_each_other_are_whole_below_each_
         await pilot.press("down", "enter")
         await pilot.pause()
         assert app.answers == ["1"]
+
+
+async def test_a_list_of_choices_marks_its_row_without_colours(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("NO_COLOR", "1")
+    app = make_app(FakeRig(5))
+    async with running(app) as pilot:
+        app.push_screen(ListQuestion("choose", {"a": ("one", "first"), "b": ("two", "second")}))
+        await settle(pilot)
+        await pilot.press("down")
+        choices = app.screen.query_one(OptionList)
+        marked = [
+            {bool(part.style and part.style.underline) for part in choices.render_line(y)} for y in (0, 1)
+        ]
+        assert marked == [{False}, {True}]
+
+
+async def test_letters_do_not_overtake_the_key_before_them() -> None:
+    """A paste by a terminal that knows none, or a slow connection, brings all keys at once."""
+    question = TextQuestion("a folder", "/home/ada", check=lambda _: None, title="Import")
+    app = AskingApp(question)
+    async with app.run_test(size=(80, 24)) as pilot:
+        await settle(pilot)
+        for key, character in (("ctrl+u", None), *((each, each) for each in "/tmp/none"), ("enter", None)):
+            app.post_message(events.Key(key, character))
+        await settle(pilot)
+        assert app.answers == ["/tmp/none"]
+
+
+async def test_space_chooses_from_a_list_as_enter_does() -> None:
+    for key in ("space", "enter"):
+        chosen: list[str | None] = []
+        app = make_app(FakeRig(5))
+        async with running(app) as pilot:
+            rows = {"a": ("one", "first"), "b": ("two", "second")}
+            app.push_screen(ListQuestion("choose", rows), chosen.append)
+            await settle(pilot)
+            await pilot.press("down", key)
+            await settle(pilot)
+        assert chosen == ["b"]

@@ -86,7 +86,7 @@ async def test_a_camera_whose_process_dies_is_started_again_unless_it_is_removed
         await until(lambda: nodes._children["desk"].process.pid != first.pid)
         await until(nodes._children["desk"].spoken.is_set)
         (told,) = [line.text for line in leader.log.after(0) if line.level == "error"]
-        assert told.startswith("desk ended with code -9")
+        assert told.startswith("desk ended with code -9: it was killed")
         assert told.endswith("; it is started again in 1 s")
         nodes._children["desk"].process.kill()
         async with time_limit("its end"):

@@ -166,6 +166,29 @@ async def test_a_recording_ends_its_cameras_where_the_leaders_disk_fails(
         assert len(instants) == ordered, "its cameras have frames until then"
 
 
+async def test_a_leader_that_is_stopped_counts_what_its_cameras_have_recorded_until_then(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Not only the instants of which an image has arrived; the next run keeps the count."""
+    engine = engine_of("a", "b")
+    async with bursts_of(tmp_path, engine) as bursts:
+        session = await bursts.order(RECORDING)
+        await begin(session, "a", "b")
+        await bring(session, "a", 0, 1)
+        triggers_sent(engine)
+        monkeypatch.setattr(StillClock, "shown_ns", session.burst.instants_ns[9])
+        bursts.end_all()
+        (ordered,) = {trigger.count for trigger in triggers_sent(engine, StillClock.shown_ns)}
+        monkeypatch.setattr(StillClock, "shown_ns", session.burst.instants_ns[25])
+    assert 9 < ordered < 25, "not until the leader's nodes have ended"
+    stopped = whole(session.folder).manifest
+    assert (len(stopped.burst.instants_ns), len(stopped.missing)) == (ordered, 2 * ordered - 2)
+    assert {gap.reason for gap in stopped.missing} == {"the leader was stopped"}
+    await deliver_late(tmp_path, "a", range(2, 5))
+    late = whole(session.folder).manifest
+    assert (len(late.burst.instants_ns), len(late.images), len(late.missing)) == (ordered, 5, 2 * ordered - 5)
+
+
 async def test_a_recording_whose_disk_is_full_at_its_end_is_whole_once_there_is_room(
     small_disk: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import msgspec
 import pytest
 
 from capture_app.session.format.manifest import MANIFEST
@@ -69,6 +70,11 @@ def test_the_best_synchronized_is_the_one_with_the_least_surely(session: Session
     best = best_synchronized(listing.read())
     assert best is not None
     assert best.name == "better"
+    # One that lacks an image is the best only among such.
+    lacking = [msgspec.structs.replace(card, missing=int(card.name == "better")) for card in listing.read()]
+    best = best_synchronized(lacking)
+    assert best is not None
+    assert best.name == session.folder.name
     # One whose error bars are not known cannot be the best.
     edit_manifest(session, lambda content: content["sync"].update(spread_ns=[0], uncertainty_ns=None))
     assert best_synchronized(listing.read()) is None

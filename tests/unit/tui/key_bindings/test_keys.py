@@ -4,13 +4,14 @@ import asyncio
 import re
 from pathlib import Path
 
+import msgspec
 import pytest
 from textual.command import Command, CommandList, CommandPalette
 from textual.dom import DOMNode
 from textual.widgets import Input, Static
 
 from capture_app.common.errors import NetworkError
-from capture_app.protocol.orders import StopRig
+from capture_app.protocol.orders import EndBurst, StopRig
 from capture_app.protocol.status import BurstStatus
 from capture_app.tui.app import SimulshotApp
 from capture_app.tui.jobs.run import COMMANDS
@@ -84,6 +85,12 @@ async def test_the_palette_does_what_a_key_does() -> None:
         ("mesh", "Depth from all cameras"),
         ("webcam", "Add cameras"),
         ("dark", "Theme"),
+        ("frame rate", "Frames a second"),
+        ("iso", "Exposure"),
+        ("two takes", "Sort"),
+        ("disk", "Empty the trash"),
+        ("size", "Look"),
+        ("kill", "Remove"),
     ],
 )
 async def test_the_palette_finds_an_action_by_the_words_of_other_programs(typed: str, title: str) -> None:
@@ -91,6 +98,13 @@ async def test_the_palette_finds_an_action_by_the_words_of_other_programs(typed:
     async with running(app):
         found = [str(hit.text) async for hit in Palette(app.screen).search(typed)]
         assert any(one.startswith(title) for one in found), found
+
+
+async def test_a_known_word_comes_before_letters_scattered_over_a_title() -> None:
+    app = make_app(FakeRig(1))
+    async with running(app):
+        hits = sorted([hit async for hit in Palette(app.screen).search("pose")], reverse=True)
+        assert [str(hit.text) for hit in hits[:2]] == ["People", "Export to pose2sim"]
 
 
 async def test_the_palette_runs_an_analysis_and_an_export_of_the_selected_session(tmp_path: Path) -> None:
@@ -142,18 +156,6 @@ async def test_the_key_of_a_mode_shows_the_mode_and_not_what_was_open_in_it() ->
         await settle(pilot)
         assert app.current_mode == "rig"
         assert "rig.add" in {each.binding.id for each in app.active_bindings.values()}
-
-
-async def test_a_recording_under_way_is_spoken_of_as_one() -> None:
-    rig = own_rig()
-    status = BurstStatus(burst=1, name="walk", cameras=2, instants=5, received=3, expected=10, recording=True)
-    rig.burst_status = status
-    app = make_app(rig)
-    async with running(app) as pilot:
-        await pilot.press("q")
-        await settle(pilot)
-        said = " ".join(str(app.screen.query_one(".question").render()).split())
-        assert "walk is recording, and goes on if the rig is left running" in said
 
 
 def test_every_action_has_a_name_and_words() -> None:
@@ -275,12 +277,39 @@ async def test_a_burst_under_way_is_spoken_of_and_a_rig_that_will_not_stop_too()
     async with running(app) as pilot:
         await pilot.press("q")
         await settle(pilot)
-        assert "burst-001 is being saved" in str(app.screen.query_one(".question").render())
+        question = str(app.screen.query_one(".question").render())
+        assert "burst-001 is being saved: 3 of 10 images are here." in question
+        assert "--stop" not in question
         rig.failure = NetworkError("the leader does not answer")
         await pilot.press("s")
         await settle(pilot)
     assert app.return_code == 0
     assert rig.asked == [("order", StopRig())]
+
+
+async def test_a_recording_is_ended_and_saved_before_the_rig_is_stopped() -> None:
+    """That is the first answer, so that an Enter too many loses nothing; to stay takes it back."""
+    rig = own_rig()
+    recording = BurstStatus(
+        burst=1, name="recording-001", cameras=2, instants=510, received=85, expected=1020, recording=True
+    )
+    rig.burst_status = recording
+    app = make_app(rig)
+    async with app.run_test(size=(80, 24)) as pilot:
+        await settle(pilot)
+        await pilot.press("q")
+        question = str(app.screen.query_one(".question").render())
+        assert "recording-001 is recording: 85 of 1020 images are here." in question
+        assert "`capture-app record --stop` ends the recording" in " ".join(question.split())
+        await pilot.press("enter")
+        await settle(pilot)
+        assert rig.asked == [("order", EndBurst())]
+        assert app.is_running
+        await pilot.press("q", "n", "q", "f")
+        rig.burst_status = msgspec.structs.replace(recording, received=1020, done=True)
+        rig.tell()
+        await until(pilot, lambda: app.return_code is not None)
+    assert rig.asked == [("order", EndBurst()), ("order", EndBurst()), ("order", StopRig())]
 
 
 async def test_leaving_twice_needs_no_answer() -> None:

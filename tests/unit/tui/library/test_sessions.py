@@ -5,10 +5,14 @@ from collections import Counter
 from pathlib import Path
 
 import pytest
+from textual.widgets import Static
 
 from capture_app.session.format.manifest import BurstRecord, MissingImage
+from capture_app.session.library.changes import trashed_sessions
 from capture_app.session.library.listing import SessionCard, SessionListing
 from capture_app.session.writing.session_writer import SessionWriter
+from capture_app.tui.library.session_rows import TakePane
+from capture_app.tui.question import Question
 from capture_app.tui.screen_settings import Settings
 from tests.unit.session.conftest import camera_record
 from tests.unit.tui.driving import settle, toasts, until
@@ -56,6 +60,23 @@ async def test_undo_with_an_empty_trash_says_so(sessions: Path) -> None:
     async with library(sessions) as pilot:
         await pilot.press("u")
         await until(pilot, lambda: any("is empty" in toast for toast in toasts(pilot.app)))
+
+
+async def test_the_trash_is_emptied_after_a_question(sessions: Path) -> None:
+    async with library(sessions) as pilot:
+        facts = pilot.app.screen.query_one(TakePane)
+        await until(pilot, lambda: " MB · " in str(facts.border_subtitle))
+        await pilot.press("delete")
+        await until(pilot, lambda: len(trashed_sessions(sessions)) == 1)
+        for key in ("k", "d"):
+            assert len(trashed_sessions(sessions)) == 1
+            await pilot.press("E")
+            await until(pilot, lambda: isinstance(pilot.app.screen, Question))
+            assert "has 1 session." in str(pilot.app.screen.query_one(".question", Static).content)
+            await pilot.press(key)
+            await settle(pilot)
+        await until(pilot, lambda: not trashed_sessions(sessions))
+        assert any("1 session deleted" in toast for toast in toasts(pilot.app))
 
 
 async def test_a_restored_session_is_not_called_trashed(sessions: Path) -> None:

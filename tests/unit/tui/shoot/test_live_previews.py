@@ -129,6 +129,15 @@ async def test_a_camera_that_is_behind_says_so_beside_the_live_ones(tmp_path: Pa
         assert studio.title.startswith("Live · 2 pictures within")
 
 
+async def test_a_lost_camera_says_how_long_it_is_lost_and_not_how_old_its_picture_is(tmp_path: Path) -> None:
+    studio = LiveStudio(2, tmp_path)
+    async with studio.running(160, 40) as pilot:
+        await studio.show_all(pilot)
+        studio.pass_time(360.0)
+        studio.rig.change("cam01", state=NodeState.LOST, last_seen_ns=13 * SECOND_NS)
+        await until(pilot, lambda: studio.tiles[1].title.endswith("cam01 lost 13 s ago"))
+
+
 async def test_a_click_opens_its_camera(tmp_path: Path) -> None:
     studio = LiveStudio(3, tmp_path)
     async with studio.running(120, 40) as pilot:

@@ -5,6 +5,7 @@ An export of one of our sessions retains that session's records.
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import groupby
 from operator import itemgetter
 from pathlib import Path
@@ -31,6 +32,7 @@ from capture_app.session.writing.session_writer import SessionWriter
 IMPORTED = "imported"
 SYNCED_TOGETHER = 64
 """Number of images that are made safe by one sync: the source still has them."""
+_replaces_nothing = partial(replaces_nothing, option="--name")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,7 +65,7 @@ def import_found(
     labels = [label_of(f"{name}-{one.take}" if one.take and len(found) > 1 else name) for one in found]
     folders = folder_names(labels, "session", "recording")
     for folder in folders:
-        OutputFolder(root / folder, replaces_nothing)  # refuses one that exists before it takes long
+        OutputFolder(root / folder, _replaces_nothing)  # refuses one that exists before it takes long
     return [
         _import(one, root / folder, label, options, progress, talk)
         for one, folder, label in zip(found, folders, labels, strict=True)
@@ -92,7 +94,7 @@ def _import(
     own = found.record is not None and times.timeline is found.timeline
     taken = found.record.manifest if found.record and own else None
     with (
-        OutputFolder(folder, replaces_nothing) as output,
+        OutputFolder(folder, _replaces_nothing) as output,
         SessionWriter(output.folder, folder.name, taken.created if taken else "") as writer,
     ):
         own_times = aligned.common is not None and aligned.common.unknown

@@ -55,9 +55,11 @@ def replaces_only(names: Collection[str]) -> Check:
     return check
 
 
-def replaces_nothing(target: Path) -> None:
-    """Refuse to replace any non-empty folder."""
-    raise BadInputError(f"{target} exists already and has something in it", hint="choose another name")
+def replaces_nothing(target: Path, option: str = "--out") -> None:
+    """Refuse to replace any non-empty folder; `option` of the command chooses another."""
+    raise BadInputError(
+        f"{target} exists already and has something in it", hint=f"choose another name with {option}"
+    )
 
 
 class OutputFolder:

@@ -134,7 +134,7 @@ def test_import(make_images: Callable[..., Path], tmp_path: Path, capsys: Captur
     assert run(["sessions", *named, "--name", "named", "--count", "2"]) == 0
     assert "not calibrated" in capsys.readouterr().out
     fails(capsys, ExitCode.BAD_INPUT, "exists already", *named, "--name", "named")
-    fails(capsys, ExitCode.BAD_INPUT, "--fps", "import", str(left.parent), "--out", out)
+    fails(capsys, ExitCode.BAD_INPUT, "--fps", "import", str(left.parent), "--out", out, "--name", "other")
     fails(capsys, ExitCode.USAGE, "'nearest' is not one of", *named, "--fit", "nearest")
     fails(capsys, ExitCode.BAD_INPUT, "'../x' is not a valid name", *named, "--name", "../x")
     assert {path.name for path in (tmp_path / "out").iterdir()} == {"recording", "named"}

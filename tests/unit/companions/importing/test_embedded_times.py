@@ -387,7 +387,7 @@ def test_a_rate_that_contradicts_the_files_is_refused_or_said(
 ) -> None:
     for name, fps in (("left", 25.0), ("right", 50.0)):
         write_avi(tmp_path / "rec" / f"{name}.avi", fps, 20)
-    command = ["sessions", "import", str(tmp_path / "rec"), "--out", str(tmp_path), "--fps"]
+    command = ["sessions", "import", str(tmp_path / "rec"), "--out", str(tmp_path / "out"), "--fps"]
     assert run([*command, "30"]) == ExitCode.BAD_INPUT
     refused = capsys.readouterr().err
     assert "state other rates than 30 frames a second: left.avi 25, right.avi 50 (leave out --fps" in refused

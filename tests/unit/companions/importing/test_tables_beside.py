@@ -1,5 +1,6 @@
 """Tables of times beside a recording are found, tried, and taken if one clock gave them."""
 
+import shutil
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -160,6 +161,7 @@ def test_rows_of_pictures_that_count_from_another_number_are_not_guessed(
         (tmp_path / "recording" / camera / "times.txt").write_text("\n".join(rows))
     session, _ = imported(tmp_path / "recording", fps=30.0)
     assert common(session).state == "given"
+    shutil.rmtree(tmp_path / "out")
     with pytest.raises(BadInputError, match="have no times"):
         imported(tmp_path / "recording")
 

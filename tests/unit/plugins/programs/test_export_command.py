@@ -88,7 +88,7 @@ def test_another_word_for_a_format_is_answered_with_its_name(
     asked: str, make: Make, tmp_path: Path, capsys: Capture
 ) -> None:
     assert run(["sessions", "export", str(make().folder), "--to", asked, "--out", str(tmp_path / "x")]) == 2
-    assert f"'{asked}' is not a format: --to splats writes it" in capsys.readouterr().err
+    assert f"'{asked}' is not a format: --to splats is for it" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("name", ["nerfstudio", "n3dv", "pose2sim"])

@@ -12,6 +12,7 @@ import numpy as np
 
 from capture_app.common.optional_packages import load_optional
 from reconstruction.common.geometry import Array
+from reconstruction.common.native_libraries import silenced_output
 from reconstruction.methods.people.blazepose_weights import MODELS, find_weights
 from reconstruction.methods.people.skeletons import SKELETONS, Skeleton
 
@@ -72,7 +73,8 @@ class _Model:
             hint="or bring joints of another program: --keypoints FOLDER",
         )
         self._runs: Any = runtime.Interpreter(model_content=data, num_threads=1)
-        self._runs.allocate_tensors()
+        with silenced_output():  # it says which delegate it creates
+            self._runs.allocate_tensors()
 
     def __call__(self, image: Array) -> dict[int, Array]:
         """Return the outputs for an image, side x side x 3, RGB, by their number of values."""

@@ -39,6 +39,8 @@ _INNER = f".{_NEW}{PART}"
 """Working folder of an output inside another's working folder, such as multiview's in a batch's unit."""
 _log = logging.getLogger(__name__)
 
+_EARLIER_PAGE = "walk.html"
+"""File in results of splat, view and people that were written before December 2026."""
 Check = Callable[[Path], None]
 """Raises BadInputError if a non-empty folder must not be replaced."""
 
@@ -47,7 +49,7 @@ def replaces_only(names: Collection[str]) -> Check:
     """Return a check that allows replacing an earlier result, but no folder with files other than `names`."""
 
     def check(target: Path) -> None:
-        if foreign := {path.name for path in target.iterdir()} - set(names):
+        if foreign := {path.name for path in target.iterdir()} - {*names, _EARLIER_PAGE}:
             raise BadInputError(
                 f"{target} holds other files ({min(foreign)})", hint="choose a new folder for --out"
             )

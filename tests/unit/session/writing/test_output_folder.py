@@ -24,6 +24,13 @@ from tests.unit.session.writing.killed_writer import results_of
 from tests.unit.session.writing.outputs import make, names, opened
 
 
+def test_a_result_replaces_one_with_a_page_of_an_earlier_version(tmp_path: Path) -> None:
+    make(tmp_path / "out", "old")
+    (tmp_path / "out" / "walk.html").touch()
+    make(tmp_path / "out", "new")
+    assert names(tmp_path / "out") == ["result"]
+
+
 def test_a_result_replaces_its_like(tmp_path: Path) -> None:
     out = tmp_path / "deep" / "out"
     with opened(out) as output:

@@ -35,6 +35,7 @@ _COMMANDS = {
         "capture-app sessions export SESSION": "convert to save",
         "capture-app sessions export SESSION --to otio": "edl xml fcpxml timeline premiere resolve davinci "
         "nle",
+        "capture-app sessions export SESSION --to mcap": "rosbag ros2bag bag ros",
         "capture-app sessions export SESSION --to mp4": "mp4 mov prores encode transcode",
         "capture-app sessions restore SESSION": "undo undelete untrash",
         "capture-app sessions import SOURCE": "gopro dji multicam clips sync synchronize align load add",
@@ -53,19 +54,19 @@ _COMMANDS = {
         "capture-app --help": "help",
         "reconstruct calibrate SESSION": "calibrate calibration calib intrinsics extrinsics lens lenses",
         "reconstruct, a command of its own": "reconstruct",
-        "reconstruct multiview SESSION": "depth depthmap depth-map mesh pointcloud 3d multiview sfm mvs "
-        "volumetric ply",
+        "reconstruct multiview SESSION": "photogrammetry depth depthmap depth-map mesh pointcloud 3d "
+        "multiview sfm mvs volumetric ply",
         "reconstruct stereo SESSION": "stereo disparity",
         "reconstruct splat SESSION": "splat splats gsplat gaussians train 3dgs",
         "reconstruct panorama SESSION": "panorama stitch pano",
-        "reconstruct people SESSION": "people pose poses skeleton mocap joints keypoints triangulate c3d "
-        "bvh trc",
+        "reconstruct people SESSION": "gait angles pose2d pose3d markerless people pose poses skeleton "
+        "mocap joints keypoints triangulate c3d bvh trc",
         "reconstruct movers SESSION": "matte mattes mask masks movers",
         "reconstruct compare SESSION": "compare evaluate report",
         "reconstruct time SESSION": "time offset offsets",
         "capture-app panel show": "timecode time-code led",
-        "reconstruct board FILE": "board charuco chessboard checkerboard",
-        "reconstruct view SESSION": "view walk render bullet-time bullettime play",
+        "reconstruct board FILE": "make-board print-board board charuco chessboard checkerboard",
+        "reconstruct view SESSION": "orbit flythrough view walk render bullet-time bullettime play",
     },
     "capture-app sessions": {
         "capture-app sessions trash SESSION": "delete rm remove del",
@@ -83,21 +84,22 @@ _COMMANDS = {
         "capture-app sessions empty-trash": "purge clean prune empty",
     },
     "reconstruct": {
-        "reconstruct multiview SESSION": "depth depthmap dense mvs pointcloud point-cloud cloud fusion 3d "
-        "volumetric",
+        "reconstruct multiview SESSION": "photogrammetry depth depthmap dense mvs pointcloud point-cloud "
+        "cloud fusion 3d volumetric",
         "reconstruct multiview SESSION --mesh": "mesh poisson mesher",
         "reconstruct stereo SESSION": "disparity sgbm pair",
         "reconstruct calibrate SESSION": "sfm mapper calib calibration intrinsics extrinsics poses colmap",
         "reconstruct splat SESSION": "splats gsplat gaussian gaussians splatfacto train 3dgs nerf nerfacto",
         "reconstruct panorama SESSION": "stitch pano stitching",
-        "reconstruct view SESSION": "walk play render novel-view bullet-time bullettime wiggle viewer",
+        "reconstruct view SESSION": "orbit flythrough walk play render novel-view bullet-time bullettime "
+        "wiggle viewer",
         "reconstruct time SESSION": "sync synchronize align offset offsets",
-        "reconstruct people SESSION": "pose skeleton mocap joints keypoints motion-capture human body "
-        "triangulate c3d bvh trc",
+        "reconstruct people SESSION": "gait angles pose2d pose3d markerless pose skeleton mocap joints "
+        "keypoints motion-capture human body triangulate c3d bvh trc",
         "reconstruct movers SESSION": "matte mattes mask masks segment rotoscope",
         "reconstruct trajectory SESSION": "track ball path",
         "reconstruct compare SESSION": "evaluate eval quality report",
-        "reconstruct board FILE": "charuco chessboard checkerboard",
+        "reconstruct board FILE": "make-board print-board charuco chessboard checkerboard",
         "reconstruct batch SESSIONS": "all jobs slurm",
         "capture-app sessions import SOURCE": "import",
         "capture-app sessions export SESSION": "export convert",
@@ -136,10 +138,10 @@ FORMATS = {
     "colmap": "metashape agisoft realitycapture realityscan meshroom openmvs",
     "caliscope": "anipose deeplabcut dlc sleap",
     "pose2sim": "opensim mocap",
-    "mcap": "foxglove ros rosbag bag",
+    "mcap": "foxglove ros rosbag ros2bag bag",
     "rrd": "rerun",
-    "mp4": "video videos film movie h264 h265 hevc mov prores avi mkv webm after-effects "
-    "aftereffects ae nuke fusion unreal unity",
+    "mp4": "video videos film movie h264 h265 hevc mov prores avi mkv webm after-effects aftereffects ae "
+    "nuke fusion unreal unity",
 }
 """Formats of `sessions export`, each with the programs that read it and other words for it."""
 RESULTS = {

@@ -82,6 +82,10 @@ capture-app reconstruct > reconstruct, a command of its own
 capture-app statsu > 'status'
 capture-app rcord > 'record'
 capture-app arm > capture-app burst
+capture-app orbit take1 > reconstruct view SESSION
+capture-app rosbag take1 > capture-app sessions export SESSION --to mcap
+reconstruct gait take1 > reconstruct people SESSION
+capture-app make-board > reconstruct board FILE
 capture-app genlock > capture-app status
 capture-app timecode > capture-app panel show
 capture-app jam > capture-app status

@@ -20,7 +20,9 @@ from capture_app.commands.shared_options import (
 )
 from capture_app.common import system
 from capture_app.common.address import Address
+from capture_app.common.bounds import MAX_TEXT
 from capture_app.common.clock import parse_clock
+from capture_app.common.errors import BadInputError
 from capture_app.common.names import check_label, folder_names, label_key, name_like
 from capture_app.console.option_rules import Rule, RuledCommand
 from capture_app.console.terminal import FiniteRange, log_line, print_line, talk
@@ -112,6 +114,8 @@ def node(
     from capture_app.node.camera.node_group import camera_node, name_cameras, run_nodes
     from capture_app.node.camera.spool import free_spool
 
+    if len(name.encode()) > MAX_TEXT:
+        raise BadInputError(f"--name has over {MAX_TEXT} bytes", hint="give this node a shorter one")
     # Names without a letter of ASCII differ by the machines' names, and those of one machine by a checksum.
     own = f"{name_like(socket.gethostname(), 'node')}-{crc32(label_key(name).encode()) % 10_000:04}-"
     (folder,) = folder_names([name], "node", own)

@@ -5,7 +5,7 @@ A label is what an owner wrote, in any script; the folder's name that is made of
 
 import re
 from collections import Counter
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from itertools import chain, count
 from typing import Annotated
 from unicodedata import combining, normalize
@@ -109,3 +109,9 @@ def free_name(requested: str, taken: Collection[str]) -> str:
 def natural_order(text: str) -> list[tuple[int, str]]:
     """Return a sort key that puts cam2 before cam10."""
     return [(int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", text) if part]
+
+
+def titles_of(labels: Mapping[str, str]) -> dict[str, str]:
+    """Return what people call cameras, by name: their labels, beside the name where several have one."""
+    times = Counter(labels.values())
+    return {name: label if times[label] == 1 else f"{label} ({name})" for name, label in labels.items()}

@@ -3,6 +3,7 @@
 They are ffmpeg's, git's, docker's, OpenCV's, COLMAP's, nerfstudio's and those of camera apps.
 """
 
+import os
 import re
 from collections.abc import Sequence
 from difflib import get_close_matches
@@ -135,8 +136,8 @@ FORMATS = {
     "fcpxml xml edl aaf avid kdenlive hiero editor nle timeline",
     "splats": "blender gltf 3dgs gsplat gaussian-splatting gaussians inria postshot brush",
     "nerfstudio": "instant-ngp ngp nerf transforms",
-    "colmap": "metashape agisoft realitycapture realityscan meshroom openmvs",
-    "caliscope": "anipose deeplabcut dlc sleap",
+    "colmap": "metashape agisoft realitycapture realityscan openmvs",
+    "caliscope": "anipose",
     "pose2sim": "opensim mocap",
     "mcap": "foxglove ros rosbag ros2bag bag",
     "rrd": "rerun",
@@ -145,8 +146,8 @@ FORMATS = {
 }
 """Formats of `sessions export`, each with the programs that read it and other words for it."""
 RESULTS = {
-    "reconstruct people SESSION": "c3d bvh trc fbx glb skeleton",
-    "reconstruct multiview SESSION": "ply obj pointcloud point-cloud mesh stl usd usdz abc alembic exr",
+    "reconstruct people SESSION": "c3d trc skeleton",
+    "reconstruct multiview SESSION": "ply pointcloud point-cloud mesh glb",
     "reconstruct movers SESSION": "matte mattes mask masks",
 }
 """Commands whose results people look for among the formats of an export, with words for them."""
@@ -172,7 +173,6 @@ _OPTIONS = {
     "--seconds": "duration t time length for",
     "--interval-s": "interval timelapse",
     "--fps": "rate framerate frame-rate r hz",
-    "--camera sim:phone-a": "simulated simulate sim simulation fake dummy demo virtual",
     "--camera": "device source src input i cam spec cameras",
     "--leader": "server host address ip connect url",
     "--sessions": "dir folder out output data output-dir",
@@ -205,10 +205,15 @@ _OPTIONS = {
     "--to otio": "premiere resolve davinci edl fcpxml",
     "--to mp4": "codec mp4 video prores",
     "--align": "sync audio",
-    "--out DIR, with every format in it": "c3d trc csv gltf glb",
     "--page": "paper",
 }
 """Options, each with other programs' words for it, without hyphens; the first that a command has wins."""
+_SIMULATED = {"--camera sim:phone-a": "simulated simulate sim simulation fake dummy demo virtual"}
+_OPTIONS_OF = {
+    **dict.fromkeys(("capture-app", "capture-app node", "capture-app rig start"), _SIMULATED),
+    "reconstruct people": {"--out DIR, with every format in it": "c3d trc csv gltf glb"},
+}
+"""Options that mean this of certain commands alone, in the same form."""
 _OF_A_SESSION = {"reconstruct": "reconstruct compare", "capture-app": "capture-app sessions show"}
 _VIDEOS = (".mp4", ".mov", ".mkv", ".avi", ".mts")
 _NUMBERS = {
@@ -254,14 +259,16 @@ def advise(error: click.UsageError, typed_line: Sequence[str] = ()) -> str:
         what, typed, word = "option", error.option_name, error.option_name.lstrip("-").replace("_", "-")
         own = {f"{error.ctx.command_path} {word}": word} if word in names else {}
         names = [name for param in command.get_params(error.ctx) for name in param.opts if name[:1] == "-"]
-        known = {line: words for line, words in _OPTIONS.items() if line.split()[0] in names} | commands | own
+        known = {line: words for line, words in _OPTIONS.items() if line.split()[0] in names}
+        known = _OPTIONS_OF.get(error.ctx.command_path, {}) | known | commands | own
     else:
         what, typed, word = "command", error.command_name, error.command_name
         known = commands
         if word.casefold().endswith(_VIDEOS):
             return f"'{typed}' is a file: capture-app sessions import FILE ... imports it"
         for place in (Path(word), Path("sessions", word)):
-            if (place / "session.json").is_file() and (line := _OF_A_SESSION.get(error.ctx.command_path)):
+            is_session = os.path.isfile(place / "session.json")  # noqa: PTH113 - no word makes it raise
+            if is_session and (line := _OF_A_SESSION.get(error.ctx.command_path)):
                 return f"'{typed}' is a session; the command comes first: {line} {place}"
     unknown = f"No such {what} '{typed}'"
     meant = [line for line, words in known.items() if word.casefold() in words.split()]
@@ -271,7 +278,11 @@ def advise(error: click.UsageError, typed_line: Sequence[str] = ()) -> str:
         return f"{unknown}: it is {meant[0]}"
     close = get_close_matches(typed.casefold(), names, 1, _CLOSE)
     rows = _COMMANDS.get(error.ctx.command_path.split()[0], {}) if what == "option" else {}
-    elsewhere = [f": it is {line}" for line, words in rows.items() if word.casefold() in words.split()]
+    elsewhere = [
+        f": it is {line}"
+        for line, words in rows.items()
+        if word.casefold() in words.split() and not f"{line} ".startswith(f"{error.ctx.command_path} ")
+    ]
     return f"{unknown}. Did you mean '{close[0]}'?" if close else unknown + "".join(elsewhere[:1])
 
 

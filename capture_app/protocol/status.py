@@ -1,13 +1,12 @@
 """Snapshots of a rig for operators: status, log lines, previews, and details of one node."""
 
-from collections import Counter
 from typing import Annotated, Literal
 
 from msgspec import Meta, Struct
 
 from capture_app.common.bounds import Count, FilePath, Message, Pixels, Real, Sentence, Text, TimeNs
 from capture_app.common.camera_facts import CameraFacts, ControlState
-from capture_app.common.names import Name
+from capture_app.common.names import Name, titles_of
 from capture_app.common.node_state import WITHOUT_CAMERA, NodeState
 from capture_app.common.stagger import EVEN
 from capture_app.session.format.manifest import SkippedInstant
@@ -159,9 +158,7 @@ class RigStatus(Struct, frozen=True, kw_only=True):
     @property
     def titles(self) -> dict[str, str]:
         """What people call each node, by its name; beside the name, if they call several so."""
-        called = {node.name: node.camera.called(node.name) for node in self.nodes}
-        times = Counter(called.values())
-        return {name: title if times[title] == 1 else f"{title} ({name})" for name, title in called.items()}
+        return titles_of({node.name: node.camera.called(node.name) for node in self.nodes})
 
     @property
     def cameras(self) -> tuple[NodeStatus, ...]:

@@ -394,9 +394,11 @@ class SimulshotApp(App[None]):
     async def _finish(self) -> None:
         """End a recording, and stop the rig when all takes are saved; the screen stays usable meanwhile."""
         self.notify("The rig stops when the take is saved; q asks again", timeout=SCREEN_STOP_TIMEOUT_S)
-        with contextlib.suppress(SimulshotError):  # a burst, or a recording that has just ended
-            await self._source.order(EndBurst())
-        while not self._record.lost and _unsaved(self._record.status):  # noqa: ASYNC110 - of the record
+        take = _unsaved(self._record.status)
+        if take is not None and take.recording and not take.ended:
+            with contextlib.suppress(SimulshotError):  # it has just ended
+                await self._source.order(EndBurst(burst=take.burst))
+        while self._record.lost or _unsaved(self._record.status):  # noqa: ASYNC110 - of the record
             await asyncio.sleep(POLL_S)
         self._end(stop_rig=True)
 

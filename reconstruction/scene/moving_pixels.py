@@ -28,6 +28,8 @@ SHAKE_PX = 0.7
 """Maximum shift of a static edge that is not motion, as with a vibrating camera."""
 LIGHT_STRIPS, LIGHT_STEP = 40, 4
 """Number of strips of an image in which light may differ, and the step between pixels that show it."""
+WHITE = 254
+"""Grey level from which a pixel may be saturated."""
 BACKGROUND_FRAMES = 25
 """Images for the background; a longer burst is thinned to this many, or up to twice as many."""
 BACKGROUND_ROWS = 256
@@ -99,7 +101,11 @@ def in_light_of(image: Array, other: Array) -> Array:
     rows = max(1, len(gains) // LIGHT_STRIPS)
     gains = np.median(sliding_window_view(np.pad(gains, rows, mode="edge"), 2 * rows + 1), axis=1)[:, None]
     changed, left = (float(np.median(np.abs(some - of))) for of in (others, others * gains))
-    return other * cv2.resize(gains, (1, len(other))) if left < changed / 2 else other
+    if left >= changed / 2:
+        return other
+    lit = np.minimum(other * cv2.resize(gains, (1, len(other))), WHITE)
+    # Of what was white already, no light shows how bright it is.
+    return np.where(other >= WHITE, np.maximum(lit, image), lit)
 
 
 def _grey_difference(a: Array, b: Array) -> Array:

@@ -30,10 +30,12 @@ def open_recording(path: Path, *, png: bool, recording: str | None) -> Layout | 
     count = len(images_in(place)) if source.is_file() and place.is_dir() else 0
     if count < 2 or len(_read_rows(source)) != count:
         return None
+    sources = tuple(open_images(place))
     return Layout(
         path=place,
-        sources=tuple(open_images(place)),
-        calibration=source,
+        sources=sources,
+        # LLFF's rows are in the order of the files' names.
+        views=_views(source, [camera.name for camera in sorted(sources, key=lambda one: one.path.name)]),
         notes=[f"each of {count} images is a camera of one instant"],
     )
 
@@ -41,8 +43,11 @@ def open_recording(path: Path, *, png: bool, recording: str | None) -> Layout | 
 def read_calibration(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) -> Views | None:
     """Read a row for each camera, in the order of their names. Raises BadInputError for another number."""
     path = paths[0][1]
-    if path.suffix.lower() != ".npy":
-        return None
+    return _views(path, sorted(cameras)) if path.suffix.lower() == ".npy" else None
+
+
+def _views(path: Path, cameras: Sequence[str]) -> Views:
+    """Return the views of cameras in the order of their rows. Raises BadInputError."""
     rows = _read_rows(path)
     if rows.shape != (len(cameras), 17):
         raise BadInputError(
@@ -50,7 +55,7 @@ def read_calibration(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) 
             hint="import the images or videos that it was made of, and no other",
         )
     views = {}
-    for name, row in zip(sorted(cameras), rows, strict=True):
+    for name, row in zip(cameras, rows, strict=True):
         down, right, back, centre, (height, width, focal) = row[:15].reshape(3, 5).T
         rotation = np.stack([right, down, -back])
         views[name] = View(
@@ -60,7 +65,7 @@ def read_calibration(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) 
             translation=-rotation @ centre,
             size=(round(width), round(height)),
         )
-    return Views(views, path.name, assumed_unit="arbitrary")
+    return Views(views, f"{path.name}, rows from {cameras[0]} to {cameras[-1]}", assumed_unit="arbitrary")
 
 
 def _read_rows(path: Path) -> Array:
@@ -71,7 +76,10 @@ def _read_rows(path: Path) -> Array:
         np.lib.format.read_magic(file)
         shape, is_by_columns, kind = np.lib.format.read_array_header_1_0(file)
         numbers = np.frombuffer(file.read(), kind).astype(np.float64)
-        return numbers.reshape(shape, order="F" if is_by_columns else "C")
+        rows = numbers.reshape(shape, order="F" if is_by_columns else "C")
+        if rows.ndim != 2 or not np.isfinite(rows).all():
+            raise ValueError("it is not a table of finite numbers")
+        return rows
 
 
 IMPORTER = Importer(

@@ -20,7 +20,7 @@ from msgspec import UNSET, Meta, Struct, UnsetType
 from capture_app.common.bounds import Count, FilePath, Positive, Ppm, Real, Sentence, TimeNs
 from capture_app.common.camera_facts import CameraFacts, Control, unshared_uncertainties_ns
 from capture_app.common.errors import BadInputError
-from capture_app.common.names import Label, Name
+from capture_app.common.names import Label, Name, titles_of
 from capture_app.common.stagger import describe_steps
 from capture_app.common.text import pretty_json
 from capture_app.session.files.untrusted_files import RESTORE
@@ -323,8 +323,8 @@ class Manifest(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
     @property
     def labels(self) -> dict[str, str]:
-        """What people call each camera, by its name."""
-        return {camera.name: camera.facts.called(camera.name) for camera in self.cameras}
+        """What people call each camera, by its name; beside the name, if they call several so."""
+        return titles_of({camera.name: camera.facts.called(camera.name) for camera in self.cameras})
 
     @property
     def expected_images(self) -> int:

@@ -377,14 +377,21 @@ def name_time_ns(path: Path) -> int:
     ns, with a fraction after a point. Digits that begin with 0 are a frame's number. Raises BadInputError if
     there is none.
     """
-    for digits, fraction in _EPOCH.findall(path.stem):
-        if (places := _EPOCH_NS.get(len(digits))) is not None:
-            return int(digits + fraction[:places].ljust(places, "0"))
+    if (unix_ns := unix_time_ns(path)) is not None:
+        return unix_ns
     if (match := _DATE.search(path.stem)) is None:
         raise BadInputError(
             f"the name of {path} has no time", hint="such as IMG_20260131_142530_123.jpg, or ns since 1970"
         )
     return _date_ns(path, match, match[7])
+
+
+def unix_time_ns(path: Path) -> int | None:
+    """Return the Unix time in a file's name, ns, which has no zone; None if there is none."""
+    for digits, fraction in _EPOCH.findall(path.stem):
+        if (places := _EPOCH_NS.get(len(digits))) is not None:
+            return int(digits + fraction[:places].ljust(places, "0"))
+    return None
 
 
 def exif_time_ns(path: Path, *, zoned: bool = False) -> int:

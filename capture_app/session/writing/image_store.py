@@ -115,6 +115,10 @@ class ImageStore:
             raise
         self.records |= {key: record for key, (record, _, _) in begun.items()}
 
+    def is_unsynced(self, camera: str, instant: int) -> bool:
+        """Return whether an image was appended since the last sync."""
+        return (camera, instant) in self._unsynced
+
     def leave_out(self, cameras: Set[str]) -> None:
         """Set aside the images of these cameras. Raises OSError."""
         refused = [key for key in self.records if key[0] in cameras]

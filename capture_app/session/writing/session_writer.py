@@ -218,7 +218,7 @@ class SessionWriter:
             sha256=hashlib.sha256(data).hexdigest(),
             **further,
         )
-        if self.image(camera, instant) is not None:
+        if self.image(camera, instant) is not None or self.images.is_unsynced(camera, instant):
             raise BadInputError(f"there is an image of {camera} at instant {instant} already")
         (self.save if synced else self.append)([StoredImage(record, data, truth, true_ns)])
         return record

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 
 from msgspec import structs
 
-from capture_app.common.bounds import MAX_TEXT
+from capture_app.common.bounds import MAX_TEXT, cut
 from capture_app.common.errors import BadInputError
 from capture_app.common.node_state import RELAY, WITHOUT_CAMERA, NodeState
 from capture_app.common.stagger import Stagger
@@ -311,7 +311,7 @@ class Leader:
 
     def refuse(self, hello: Hello, reason: str, address: Address, *, retry_here: bool = False) -> None:
         """Send a client the reason why it cannot join; with `retry_here` it should not try another leader."""
-        self._outbox.append((encode(JoinRefusal(hello.instance, reason, retry_here)), address))
+        self._outbox.append((encode(JoinRefusal(hello.instance, cut(reason), retry_here)), address))
 
     def acknowledge(self, member: Member) -> None:
         """Acknowledge a member's newest heartbeat, with the current configuration."""

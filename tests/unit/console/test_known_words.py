@@ -304,6 +304,11 @@ def test_a_camera_without_its_kind_is_answered_with_a_spec(
     assert "write webcam:" in capfd.readouterr().err
 
 
+def test_a_word_that_no_file_can_have_is_no_traceback(capfd: pytest.CaptureFixture[str]) -> None:
+    assert run_capture_app(["a" * 300]) == ExitCode.USAGE
+    assert "No such command" in capfd.readouterr().err
+
+
 def test_a_session_in_place_of_a_command_is_answered_with_a_command(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:

@@ -66,6 +66,8 @@ def test_many_images_are_in_the_session_after_one_sync(tmp_path: Path) -> None:
     with SessionWriter.create(tmp_path, "many") as writer:
         for instant in range(3):
             writer.add_image(jpeg(instant), camera="left", instant=instant, leader_ns=0, synced=False)
+        with pytest.raises(BadInputError, match="already"):
+            writer.add_image(jpeg(0), camera="left", instant=0, leader_ns=0, synced=False)
         assert writer.instants_of("left") == set()
         assert not (writer.folder / JOURNAL).read_bytes()
         writer.sync()

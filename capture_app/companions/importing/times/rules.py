@@ -35,6 +35,7 @@ from capture_app.session.importing.recording_sources import (
     labels_of,
     name_time_ns,
     states_zone,
+    unix_time_ns,
 )
 
 ASSUMED_FPS = 30.0
@@ -236,6 +237,12 @@ def _by_images(recording: _Recording, read: Callable[[Path], int], *, is_local: 
             )
         frames[source.name] = [TimedFrame(number, read(file)) for number, file in enumerate(source.files)]
     return frames, _describe_double_hour(frames) if is_local else ()
+
+
+def _has_unix_times(recording: _Recording) -> bool:
+    """Return whether the names of all images have Unix times."""
+    images = (source for source in recording.sources if isinstance(source, Images))
+    return all(unix_time_ns(file) is not None for source in images for file in source.files)
 
 
 def _describe_double_hour(frames: _Frames) -> list[str]:
@@ -444,7 +451,7 @@ RULES = (
     ),
     Rule(
         lambda one: one.options.times == "name",
-        lambda one: _by_images(one, name_time_ns),
+        lambda one: _by_images(one, name_time_ns, is_local=not _has_unix_times(one)),
         "given",
         lambda one: "the times in file names are taken as of one clock",
     ),

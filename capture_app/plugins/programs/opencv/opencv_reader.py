@@ -9,6 +9,7 @@ square.
 import re
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
+from itertools import permutations
 from pathlib import Path
 from typing import Any
 
@@ -45,18 +46,25 @@ _FISHEYE_KEY = "is fisheye"
 MAX_BYTES = 1 << 24
 """Maximum size of all arrays of a .npz; each number becomes 8 bytes."""
 _DEEPLABCUTS = "stereo_params.pickle"
+
+
+def _read_pair(path: Path) -> tuple[str, Mapping[str, Any]]:
+    """Return the names CAMERA1-CAMERA2 of DeepLabCut's only pair, and its numbers. Raises BadInputError."""
+    content = read_pickle(path, hint="write it again: deeplabcut.calibrate_cameras")
+    pairs = [(str(key), pair) for key, pair in content.items() if isinstance(pair, dict)]
+    if len(pairs) > 1:
+        raise BadInputError(
+            f"{path} has several pairs of cameras: {', '.join(key for key, _ in pairs)}",
+            hint="calibrate the two cameras of the recording alone",
+        )
+    key, pair = pairs[0] if pairs else ("", {})
+    return key, {str(name): value for name, value in pair.items()}
+
+
 _LOADERS: dict[str, Callable[[Path], Mapping[str, Any]]] = {
     ".npz": partial(read_arrays, max_bytes=MAX_BYTES),
     ".mat": read_mat,
-    # By the names of its two cameras.
-    ".pickle": lambda path: next(
-        (
-            {str(key): value for key, value in pair.items()}
-            for pair in read_pickle(path, hint="write it again: deeplabcut.calibrate_cameras").values()
-            if isinstance(pair, dict)
-        ),
-        {},
-    ),
+    ".pickle": lambda path: _read_pair(path)[1],
 }
 _SUFFIXES = (".npz", ".yml", ".yaml", ".xml", ".mat", ".pickle")
 
@@ -83,7 +91,11 @@ def read_calibration(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) 
     if rest:
         # OpenCV's sample of stereo calibration writes intrinsics.yml and extrinsics.yml.
         joined = {key: value for path in rest for key, value in _load(path).items()}
-        contents.update(_split_pair(joined, pair, cameras, contents))
+        named = [_read_pair(path)[0] for path in rest if path.suffix == ".pickle"]
+        in_order = next((both for both in permutations(cameras, 2) if "-".join(both) in named), None)
+        # Left before Right, whatever their letter case.
+        in_order = in_order or sorted(cameras, key=lambda name: natural_order(name.casefold()))
+        contents.update(_split_pair(joined, pair, in_order, contents))
     elif len(contents) > 1 and all(_find(content, _ROTATION) is None for content in contents.values()):
         raise BadInputError(
             "these calibrations have no R and T",
@@ -192,11 +204,9 @@ def _split_pair(
     sizes = {key: content[key] for key in (*_SIZE_KEYS, _FISHEYE_KEY) if key in content}
     lenses = [[_lens(content, side) for side in sides] for sides in _SIDES]
     both = next((pair for pair in lenses if all(_MATRIX_NAMES & lens.keys() for lens in pair)), lenses[0])
-    # Left before Right, whatever their letter case.
-    order = sorted(cameras, key=lambda name: natural_order(name.casefold()))
     return {
         name: {**sizes, **lens, **own.get(name, {}), **pose}
-        for name, lens, pose in zip(order, both, poses, strict=True)
+        for name, lens, pose in zip(cameras, both, poses, strict=True)
     }
 
 

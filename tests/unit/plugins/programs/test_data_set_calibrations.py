@@ -330,6 +330,19 @@ def test_deeplabcuts_pair(whole: bool, tmp_path: Path) -> None:
         np.testing.assert_allclose(pixels(found, f"camera-{n + 1}", POINTS), seen.reshape(-1, 2), atol=1e-6)
 
 
+def test_deeplabcuts_first_camera_is_the_first_of_the_pairs_name(tmp_path: Path) -> None:
+    path = deeplabcut(tmp_path / "camera_matrix")
+    (pair,) = pickle.loads(path.read_bytes()).values()
+    path.write_bytes(pickle.dumps({"side-front": pair}))
+    found = read(path, ("front", "side"), (640, 480))
+    np.testing.assert_allclose(pixels(found, "side", POINTS), cv2.projectPoints(
+        POINTS, np.zeros(3), np.zeros(3), lens(0), D
+    )[0].reshape(-1, 2), atol=1e-6)  # fmt: skip
+    path.write_bytes(pickle.dumps({"a-b": {"T": 1}, "a-c": {"T": 2}}))
+    with pytest.raises(BadInputError, match="has several pairs of cameras: a-b, a-c"):
+        read(path, ("a", "c"), (640, 480))
+
+
 @pytest.mark.parametrize("content", [{}, {"camera-1-camera-2": 3}, {"a": {1: np.eye(3)}}, [np.eye(3)]])
 def test_pickles_that_are_no_pair(content: Any, tmp_path: Path) -> None:
     (tmp_path / "stereo_params.pickle").write_bytes(pickle.dumps(content))
@@ -377,8 +390,8 @@ def test_a_scene_of_llff_is_a_camera_an_image(tmp_path: Path) -> None:
     layout = recognize_recording(tmp_path)
     assert layout is not None
     assert [(source.label, len(source.numbers)) for source in layout.sources] == [("IMG_9", 1), ("IMG_10", 1)]
-    assert layout.calibration == tmp_path / "poses_bounds.npy"
-    views = read_views([("", layout.calibration)], [source.name for source in layout.sources])
+    views = layout.views
+    assert views is not None
     assert [(name, view.size) for name, view in views.cameras.items() if isinstance(view, View)] == [
         ("IMG_10", (9, 4)),
         ("IMG_9", (26, 21)),
@@ -390,6 +403,8 @@ def test_a_scene_of_llff_is_a_camera_an_image(tmp_path: Path) -> None:
     [
         (np.zeros((3, 17)), "has the shape .3, 17., not a row of 17 numbers for each of 2 cameras"),
         (np.array([[{}]]), "cannot read .* as an array"),
+        (np.array(3.0), "cannot read .* as an array"),
+        (np.full((2, 17), np.nan), "cannot read .* as an array"),
         (b"\x93NUMPY\x01\x00v\x00{'descr': '<f8', 'fortran_order': False, 'shape': (99999999999,), }\n",
          "cannot read .* as an array"),
     ],

@@ -49,6 +49,15 @@ def test_a_lamp_that_flickers_hides_nothing_that_moves(scene: Scene, bands: floa
     assert (found & ~true).sum() < 0.25 * true.sum()
 
 
+@pytest.mark.parametrize("gain", [0.8, 1.2])
+def test_a_saturated_window_does_not_move_in_light_that_flickers(gain: float) -> None:
+    still = texture(9)[:240, :320].astype(float)
+    still[60:160, 100:220] = 300
+    images = [np.clip(still * g, 0, 255).astype(np.uint8) for g in (1, 1, 1, gain, 1, 1)]
+    assert not detect_moving(images[3], [images[1], images[5]], median_background(images)).any()
+    assert not detect_moving(images[1], [images[0], images[3]], median_background(images)).any()
+
+
 def test_light_that_did_not_change_changes_no_image(scene: Scene) -> None:
     view = make_view((0, 0, 0))
     (image, _, _), (other, _, _) = (scene.look(view, k) for k in (1, 3))

@@ -208,8 +208,9 @@ _OPTIONS = {
     "--page": "paper",
 }
 """Options, each with other programs' words for it, without hyphens; the first that a command has wins."""
-_SIMULATED = {"--camera sim:phone-a": "simulated simulate sim simulation fake dummy demo virtual"}
+_SIMULATED = {"--camera sim:phone-a": "simulated simulate sim simulation fake dummy virtual"}
 _OPTIONS_OF = {
+    "reconstruct calibrate": {"--board": "charuco chessboard checkerboard"},
     **dict.fromkeys(("capture-app", "capture-app node", "capture-app rig start"), _SIMULATED),
     "reconstruct people": {"--out DIR, with every format in it": "c3d trc csv gltf glb"},
 }

@@ -244,17 +244,22 @@ def writing_state(folder: Path) -> WritingState:
 
 def no_session(path: Path) -> BadInputError:
     """Return the error of a path without a session, with what was probably meant by a bare name."""
+    return BadInputError(f"no session at {path}", hint=_instead_of(path))
+
+
+def _instead_of(path: Path) -> str:
+    """Return what was probably meant by a path without a session: one of this name, or footage."""
     inside = Path("sessions", path.name)
-    hint = f"it is {inside}" if inside.is_dir() else "capture-app sessions list shows what is there"
-    return BadInputError(f"no session at {path}", hint=hint)
+    if inside.is_dir() and inside.absolute() != path.absolute():
+        return f"it is {inside}"
+    if path.exists():
+        return f"it has no {MANIFEST}; footage is imported first: capture-app sessions import {path}"
+    return "capture-app sessions list shows what is there"
 
 
 def _without_manifest(folder: Path) -> BadInputError | IncompleteError:
     if not (folder / JOURNAL).is_file():
-        return BadInputError(
-            f"{folder} is not a session",
-            hint=f"it has no {MANIFEST}; capture-app sessions list shows sessions",
-        )
+        return BadInputError(f"{folder} is not a session", hint=_instead_of(folder))
     if writing_state(folder) == "being written":
         return IncompleteError(f"{folder} is still being written", hint="wait until the burst is saved")
     return IncompleteError(

@@ -102,7 +102,9 @@ capture-app timelapse > capture-app burst --interval-s S
 capture-app motion > capture-app burst --on-motion
 capture-app --simulated > --camera sim:phone-a
 capture-app node --simulated > --camera sim:phone-a
-capture-app rig start --demo > --camera sim:phone-a
+capture-app rig start --sim > --camera sim:phone-a
+capture-app --demo > capture-app demo
+reconstruct calibrate x --charuco 8x11 > --board
 capture-app --shutter 1/500 > capture-app cameras set CONTROL=VALUE
 capture-app burst --fps 120 > capture-app node --camera SPEC,fps=N,width=W
 capture-app sessions export x --premiere > --to otio
@@ -261,6 +263,9 @@ def test_a_bare_name_is_answered_with_the_session_of_that_name(
     for order in (["show", "take1"], ["trash", "take1"]):
         assert run_capture_app(["sessions", *order]) == ExitCode.BAD_INPUT
         assert "capture-app sessions list shows what is there" in capfd.readouterr().err
+    Path("take1").mkdir()
+    assert run_capture_app(["sessions", "show", "take1"]) == ExitCode.BAD_INPUT
+    assert "footage is imported first: capture-app sessions import take1" in capfd.readouterr().err
     Path("sessions", "take1").mkdir(parents=True)
     for order in (["show", "take1"], ["trash", "take1"]):
         assert run_capture_app(["sessions", *order]) == ExitCode.BAD_INPUT

@@ -7,6 +7,7 @@ They are bindings of the system's own libraries, so pip has none that fit. An en
 import importlib
 import re
 import sys
+import threading
 from collections.abc import Sequence
 from importlib.machinery import EXTENSION_SUFFIXES, ModuleSpec, PathFinder
 from importlib.util import find_spec, module_from_spec
@@ -22,6 +23,8 @@ FOLDERS = (
     f"/usr/lib/python{_VERSION}/site-packages",
 )
 """Folders of the distributions' own Python modules: Debian's for all its versions, then others."""
+_lock = threading.Lock()
+"""Held while a module is loaded: another thread would be given it half-made."""
 _SUFFIXES = frozenset(suffix.removeprefix(".") for suffix in EXTENSION_SUFFIXES)
 
 
@@ -35,8 +38,11 @@ def load_system_module(
     Raises:
         NotAvailableError: it is not installed, is built for another version of Python, or does not load.
     """
-    if module in sys.modules:
-        return sys.modules[module]
+    with _lock:
+        return sys.modules[module] if module in sys.modules else _import(module, package, purpose, folders)
+
+
+def _import(module: str, package: str, purpose: str, folders: Sequence[str | Path]) -> Any:
     own = find_spec(module)
     spec = own or _system_spec(module, folders)
     if spec is None:

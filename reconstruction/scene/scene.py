@@ -206,7 +206,7 @@ class Scene:
                 own = self.dataset.session.calibration()
                 is_left_out = own is not None and name in own.cameras
                 lacks = "is left out, as its calibration is wrong" if is_left_out else "has no calibration"
-                return PairChoice(None, f"camera {self.dataset.labels[name]} {lacks}")
+                return PairChoice(None, f"camera {self.dataset.labels.get(name, name)} {lacks}")
         if asked is not None:
             return PairChoice(asked, "asked for")
         views = {name: view for name, view in self.known_views.items() if among is None or name in among}

@@ -2,6 +2,7 @@
 
 import sys
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from importlib.machinery import EXTENSION_SUFFIXES
 from pathlib import Path
 
@@ -80,3 +81,13 @@ def test_this_systems_own_bindings_load_where_they_are_for_this_python() -> None
         pytest.skip("python3-gi is not installed for this Python")
     gi = load_system_module("gi", "python3-gi", "this camera")
     assert gi.require_version
+
+
+def test_two_threads_are_given_a_whole_module(tmp_path: Path) -> None:
+    (tmp_path / "slow_module.py").write_text("import time; time.sleep(0.05); ready = True")
+
+    def load(_: int) -> bool:
+        return bool(load_system_module("slow_module", "x", "y", folders=[tmp_path]).ready)
+
+    with ThreadPoolExecutor(2) as threads:
+        assert list(threads.map(load, range(2))) == [True, True]

@@ -19,7 +19,7 @@ async def test_on_the_sheet_a_take_is_seen_from_the_key_to_its_pictures(tmp_path
             rig.saves = asyncio.Event()
             await pilot.press(*keys)
             await studio.settle(pilot)
-            assert line_of(studio) == f"◔ burst-{number:03d}: taken; cameras are saving"
+            assert line_of(studio) == f"◔ burst-{number:03d}: taken; cameras are saving; x cancels"
             assert studio.view.stage.border_title == f"burst-{number - 1:03d}"
             rig.saves.set()
             await studio.settle(pilot)

@@ -340,7 +340,7 @@ class SimulshotApp(App[None]):
             "capture-app theme",
             SystemCommand("Theme", "dark, light, no colour and others", self.action_change_theme),
         )
-        for theme in self.available_themes:
+        for theme in sorted(self.available_themes, key=lambda name: not name.startswith("simulshot")):
             yield (
                 "capture-app theme",
                 SystemCommand(f"Theme {theme}", "", partial(setattr, self, "theme", theme), False),

@@ -19,6 +19,7 @@ class Palette(SystemCommandsProvider):
         matcher, typed = self.matcher(query), query.strip().casefold().replace(" ", "-")
         for line, (title, text, callback, _) in cast(Any, self.app).actions(self.screen):
             words = words_for(line)
-            known = _KNOWN if typed in words else any(word.startswith(typed) for word in words)
-            if score := max(matcher.match(title), known):
+            # Of an action and its choices, as of an export's formats, the choice that is meant comes first.
+            known = _KNOWN + len(line) if typed in words else any(word.startswith(typed) for word in words)
+            if score := matcher.match(title) + known:
                 yield Hit(score, matcher.highlight(title), callback, help=text)

@@ -13,7 +13,7 @@ from textual.widgets import Input, Static
 from capture_app.common.errors import NetworkError
 from capture_app.protocol.orders import EndBurst, StopRig
 from capture_app.protocol.status import BurstStatus
-from capture_app.tui.app import SimulshotApp
+from capture_app.tui.app import POLL_S, SimulshotApp
 from capture_app.tui.jobs.run import COMMANDS
 from capture_app.tui.key_bindings import HelpScreen, keys_file_text, known_actions, unknown_names
 from capture_app.tui.library.session_rows import SessionRows
@@ -105,6 +105,16 @@ async def test_a_known_word_comes_before_letters_scattered_over_a_title() -> Non
     async with running(app):
         hits = sorted([hit async for hit in Palette(app.screen).search("pose")], reverse=True)
         assert [str(hit.text) for hit in hits[:2]] == ["People", "Export to pose2sim"]
+
+
+@pytest.mark.parametrize(
+    ("typed", "first"), [("davinci", "Export to otio"), ("light", "Theme simulshot-light")]
+)
+async def test_the_choice_that_is_meant_comes_before_its_action(typed: str, first: str) -> None:
+    app = make_app(FakeRig(1))
+    async with running(app):
+        hits = sorted([hit async for hit in Palette(app.screen).search(typed)], reverse=True)
+        assert str(hits[0].text) == first
 
 
 async def test_the_palette_runs_an_analysis_and_an_export_of_the_selected_session(tmp_path: Path) -> None:
@@ -303,13 +313,32 @@ async def test_a_recording_is_ended_and_saved_before_the_rig_is_stopped() -> Non
         assert "`capture-app record --stop` ends the recording" in " ".join(question.split())
         await pilot.press("enter")
         await settle(pilot)
-        assert rig.asked == [("order", EndBurst())]
+        assert rig.asked == [("order", EndBurst(burst=1))]
         assert app.is_running
         await pilot.press("q", "n", "q", "f")
         rig.burst_status = msgspec.structs.replace(recording, received=1020, done=True)
         rig.tell()
         await until(pilot, lambda: app.return_code is not None)
-    assert rig.asked == [("order", EndBurst()), ("order", EndBurst()), ("order", StopRig())]
+    assert rig.asked == [("order", EndBurst(burst=1)), ("order", EndBurst(burst=1)), ("order", StopRig())]
+
+
+async def test_a_take_that_is_no_recording_is_not_ended_and_a_lost_link_stops_no_rig() -> None:
+    rig = own_rig()
+    lapse = BurstStatus(burst=1, name="lapse-001", cameras=2, instants=360, received=8, expected=720)
+    rig.burst_status = lapse
+    app = make_app(rig)
+    async with app.run_test(size=(80, 24)) as pilot:
+        await settle(pilot)
+        await pilot.press("q", "f")
+        await settle(pilot)
+        rig.lose_link()
+        await settle(pilot)
+        await asyncio.sleep(2 * POLL_S)
+        assert not rig.asked
+        rig.burst_status = msgspec.structs.replace(lapse, received=720, done=True)
+        rig.tell()
+        await until(pilot, lambda: app.return_code is not None)
+    assert rig.asked == [("order", StopRig())]
 
 
 async def test_leaving_twice_needs_no_answer() -> None:

@@ -13,6 +13,7 @@ from textual.widgets import Input, Static
 from capture_app.common.errors import NetworkError
 from capture_app.protocol.orders import EndBurst, StopRig
 from capture_app.protocol.status import BurstStatus
+from capture_app.tui import app as app_module
 from capture_app.tui.app import POLL_S, SimulshotApp
 from capture_app.tui.jobs.run import COMMANDS
 from capture_app.tui.key_bindings import HelpScreen, keys_file_text, known_actions, unknown_names
@@ -133,13 +134,15 @@ async def test_the_palette_runs_an_analysis_and_an_export_of_the_selected_sessio
             await settle(pilot)
 
 
-async def test_an_analysis_of_no_session_says_so(tmp_path: Path) -> None:
+async def test_an_analysis_of_no_session_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    said: list[str] = []
+    monkeypatch.setattr(app_module, "find_samples", lambda _: None)
     app = make_app(FakeRig(1), sessions=tmp_path)
-    async with app.run_test(size=(80, 24), notifications=True) as pilot:
-        await settle(pilot)
+    async with running(app):
         (action,) = [one for one in app.get_system_commands(app.screen) if one.title == "People"]
+        monkeypatch.setattr(app, "notify", said.append)
         await action.callback()
-        await until(pilot, lambda: any("is selected in Sessions" in toast for toast in toasts(app)))
+        assert "is selected in Sessions" in "".join(said)
 
 
 async def test_the_palette_knows_the_actions_of_all_modes() -> None:

@@ -105,7 +105,7 @@ def in_light_of(image: Array, other: Array) -> Array:
         return other
     lit = np.minimum(other * cv2.resize(gains, (1, len(other))), WHITE)
     # Of what was white already, no light shows how bright it is.
-    return np.where(other >= WHITE, np.maximum(lit, image), lit)
+    return np.asarray(np.where(other >= WHITE, np.maximum(lit, image), lit))
 
 
 def _grey_difference(a: Array, b: Array) -> Array:

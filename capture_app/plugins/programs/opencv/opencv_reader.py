@@ -92,9 +92,9 @@ def read_calibration(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) 
         # OpenCV's sample of stereo calibration writes intrinsics.yml and extrinsics.yml.
         joined = {key: value for path in rest for key, value in _load(path).items()}
         named = [_read_pair(path)[0] for path in rest if path.suffix == ".pickle"]
-        in_order = next((both for both in permutations(cameras, 2) if "-".join(both) in named), None)
         # Left before Right, whatever their letter case.
-        in_order = in_order or sorted(cameras, key=lambda name: natural_order(name.casefold()))
+        by_name = sorted(cameras, key=lambda name: natural_order(name.casefold()))
+        in_order = next((both for both in permutations(cameras, 2) if "-".join(both) in named), by_name)
         contents.update(_split_pair(joined, pair, in_order, contents))
     elif len(contents) > 1 and all(_find(content, _ROTATION) is None for content in contents.values()):
         raise BadInputError(

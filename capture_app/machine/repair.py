@@ -111,13 +111,14 @@ def _result(folder: Path, before: str, tried: bool) -> RepairResult:
         # The error that prevented the repair is more informative than the remaining problem.
         return RepairResult(session=str(folder), ok=False, changed=False, what=before if tried else problem)
     manifest = Session.open(folder).manifest
+    labels = manifest.labels
     return RepairResult(
         session=str(folder),
         ok=True,
         changed=bool(before),
         images=len(manifest.images),
         missing=len(manifest.missing),
-        what="; ".join(sorted({f"{manifest.labels[gap.camera]}: {gap.reason}" for gap in manifest.missing})),
+        what="; ".join(sorted({f"{labels[gap.camera]}: {gap.reason}" for gap in manifest.missing})),
         awaited=_holders(folder, manifest.missing),
     )
 

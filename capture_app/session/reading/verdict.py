@@ -220,8 +220,9 @@ def grade_of(spread_ns: int | None, error_ns: int | None) -> tuple[Grade, float 
 def _why_nothing(manifest: Manifest) -> str:
     """Return the reasons for which a take has no image, each with its cameras; empty if none is recorded."""
     reasons: dict[str, list[str]] = {}
+    labels = manifest.labels
     for gap in manifest.missing:
-        reasons.setdefault(gap.reason, []).append(manifest.labels[gap.camera])
+        reasons.setdefault(gap.reason, []).append(labels[gap.camera])
     absent = [f"{of.label or of.name}: {of.reason}" for of in manifest.burst.absent]
     reasons_given = [f"{', '.join(dict.fromkeys(cameras))}: {reason}" for reason, cameras in reasons.items()]
     return "; ".join([*reasons_given, *absent])

@@ -79,7 +79,7 @@ def timecode_text(burst: ExportedBurst, frame: int) -> str:
 
 EXPORTER = Exporter(
     write=write,
-    help="a timeline for Premiere, Resolve, Final Cut and others, with videos",
+    help="a timeline for video editors, with videos",
     program="OpenTimelineIO",
     packages={**VIDEOS, "opentimelineio": "otio"},
 )

@@ -5,7 +5,7 @@ They are ffmpeg's, git's, docker's, OpenCV's, COLMAP's, nerfstudio's and those o
 
 import os
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from difflib import get_close_matches
 from pathlib import Path
 
@@ -272,7 +272,7 @@ def advise(error: click.UsageError, typed_line: Sequence[str] = ()) -> str:
             if is_session and (line := _OF_A_SESSION.get(error.ctx.command_path)):
                 return f"'{typed}' is a session; the command comes first: {line} {place}"
     unknown = f"No such {what} '{typed}'"
-    meant = [line for line, words in known.items() if word.casefold() in words.split()]
+    meant = _lines_for(word, known)
     # A word of two meanings: `info take1` is about a session, `info` about the rig.
     meant.sort(key=lambda line: takes_argument(line) is not (typed in typed_line[:-1]))
     if meant:
@@ -281,10 +281,14 @@ def advise(error: click.UsageError, typed_line: Sequence[str] = ()) -> str:
     rows = _COMMANDS.get(error.ctx.command_path.split()[0], {}) if what == "option" else {}
     elsewhere = [
         f": it is {line}"
-        for line, words in rows.items()
-        if word.casefold() in words.split() and not f"{line} ".startswith(f"{error.ctx.command_path} ")
+        for line in _lines_for(word, rows)
+        if not f"{line} ".startswith(f"{error.ctx.command_path} ")
     ]
     return f"{unknown}. Did you mean '{close[0]}'?" if close else unknown + "".join(elsewhere[:1])
+
+
+def _lines_for(word: str, rows: Mapping[str, str]) -> list[str]:
+    return [line for line, words in rows.items() if word.casefold() in words.split()]
 
 
 def _in_our_words(error: click.UsageError) -> str:

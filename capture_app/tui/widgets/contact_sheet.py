@@ -156,9 +156,10 @@ class ContactSheet(ScrollView, can_focus=True):
     on_resize = _lay_out
 
     def _names(self, sheet: TakeSheet, cameras: range) -> Strip:
+        labels = sheet.session.stored_manifest.labels
         return Strip.join(
             self._words(
-                printable(sheet.session.stored_manifest.labels[sheet.cameras[at]]),
+                printable(labels[sheet.cameras[at]]),
                 self.thumb_size.width + 1,
                 "sheet--cursor" if at == self.cursor.x else "sheet--label",
                 gap=1,

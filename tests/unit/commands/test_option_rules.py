@@ -100,14 +100,14 @@ def pairs(*, negated: bool) -> Iterator[tuple[str, Rule, str, str]]:
                     yield typed, rule, option, way
 
 
-@pytest.mark.parametrize(("typed", "rule", "option", "way"), pairs(negated=False))
+@pytest.mark.parametrize(("typed", "rule", "option", "way"), list(pairs(negated=False)))
 def test_an_option_is_taken_in_each_way_in_which_it_has_an_effect(
     typed: str, rule: Rule, option: str, way: str
 ) -> None:
     parse_words(typed, needed_by(typed, [option, way]))
 
 
-@pytest.mark.parametrize(("typed", "rule", "option", "way"), pairs(negated=True))
+@pytest.mark.parametrize(("typed", "rule", "option", "way"), list(pairs(negated=True)))
 def test_an_option_is_refused_beside_one_that_leaves_it_without_effect(
     typed: str, rule: Rule, option: str, way: str
 ) -> None:

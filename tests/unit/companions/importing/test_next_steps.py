@@ -14,7 +14,7 @@ def commands(situation: Situation) -> list[str]:
 
 @pytest.mark.parametrize(
     ("cameras", "instants", "calibrated", "aligned", "comparable"),
-    product((1, 2, 3), (1, 9), (False, True), (False, True), (False, True)),
+    list(product((1, 2, 3), (1, 9), (False, True), (False, True), (False, True))),
 )
 def test_the_last_command_needs_nothing_that_is_not_there(
     cameras: int, instants: int, calibrated: bool, aligned: bool, comparable: bool

@@ -106,14 +106,14 @@ def paper_part(*, share: float, seed: int) -> Sequence[Reproduction]:
                 count,
                 "the clients at once, until clocks are as good as the link can bear",
             ),
-            simulated=SIMULATED,
+            simulated="The same five phones.",
             notes=("By default the leader's own camera counts, too.",),
         ),
         Reproduction(
             of=BURST,
             protocol=bursts(papers, setups[0]),
             default=bursts(ours, setups[1]),
-            simulated=SIMULATED,
+            simulated="The same five phones.",
             notes=(
                 f"{FRAMES} frames of {EXPOSURE_NS // 1000} us in a row. A sensor drops one frame in a "
                 "hundred.",

@@ -85,7 +85,7 @@ def paper_part(*, share: float, seed: int) -> Sequence[Reproduction]:
                 setups[0],
             ),
             default=None,
-            simulated=SIMULATED,
+            simulated="As in Table II.",
             given=("tau", "exposure", "repeats"),
             draw=partial(draw_panel, first.pictures),
             suffix=".jpg",

@@ -69,7 +69,7 @@ def set_ups(entry: Entry) -> tuple[str, ...]:
 
 
 def _set_up(one: SetUp) -> str:
-    return f"{in_print(one.setup)} ({one.kind}, {count(one.trials, 'trial')})."
+    return f"{in_print(one.setup)} ({count(one.trials, 'trial')})."
 
 
 def in_print(text: str) -> str:
@@ -168,7 +168,7 @@ def _entry_lines(entry: Entry, pictures: str) -> Iterator[str]:
     yield from _table((row, row.label) for row in entry.rows)
     yield ""
     simulated = f"Simulated: {in_print(entry.simulated)}"
-    yield " ".join((simulated, *set_ups(entry), f"Seed {entry.seed}."))
+    yield " ".join((simulated, *set_ups(entry)))
     for note in entry.notes:
         yield ""
         yield in_print(note)

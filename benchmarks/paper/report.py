@@ -184,10 +184,6 @@ def _with_our_method(table_1: Reproduction, table_2: Reproduction) -> Reproducti
         table_1,
         protocol=replace(table_1.protocol, values={**table_1.protocol.values, **totals[0]}),
         default=replace(table_1.protocol, values={**table_1.protocol.values, **totals[1]}),
-        notes=(
-            *table_1.notes,
-            '"Our Method" is the total error of Table II, for the paper and for us.',
-        ),
     )
 
 

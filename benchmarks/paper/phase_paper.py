@@ -61,7 +61,7 @@ def paper_part(*, share: float, seed: int) -> Sequence[Reproduction]:
             of=RESTARTS,
             protocol=_restarts(restarted[:count], PAPERS_WINDOW_NS),
             default=_restarts(restarted[count:], RESET_TOLERANCE_NS),
-            simulated=SIMULATED,
+            simulated="The same phones.",
             notes=(
                 "A restart fits in 1 of 33.3 cases, as in the paper's formula; its 28.7 is the mean of ten "
                 "trials. By default such a camera is aligned to 2 ms.",

@@ -128,8 +128,9 @@ $(VENV)/.installed-readers: tests/readers.txt $(VENV)/.installed-dev
 	npm install --silent --no-fund --no-audit --prefix $(VENV)/readers @playcanvas/splat-transform@3.7.0
 	@touch $@
 
-bench: $(VENV)/.installed$(if $(filter phones seeds flips deletions paper,$(NAME)),-dev)
-	@$(BIN)/python -m benchmarks $(NAME) $(if $(filter soak,$(NAME)),--seconds $(SECONDS)) $(BENCH)
+# The names, and what each does, are in benchmarks/benches.toml alone; some need what tests need.
+bench: $(VENV)/.installed-dev
+	@$(BIN)/python -m benchmarks $(NAME) $(BENCH)
 
 PICTURES_screenshots := screenshots
 PICTURES_animation := take_animation

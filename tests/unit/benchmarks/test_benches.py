@@ -1,6 +1,7 @@
 """Benchmarks by name: each is there, and `make help` has a line for it."""
 
 import importlib.util
+import re
 import subprocess
 import sys
 
@@ -27,3 +28,8 @@ def test_a_name_runs_its_module_and_another_is_refused() -> None:
     assert "usage: delete_parts.py" in run("deletions", "--help").stdout
     refused = run("nothing")
     assert (refused.returncode, refused.stderr) == (1, "there is no NAME=nothing: see make help\n")
+
+
+def test_the_makefile_leaves_the_names_to_the_table() -> None:
+    (rule,) = re.findall(r"^bench: .*\n(?:\t.*\n)+", (ROOT / "Makefile").read_text(), re.MULTILINE)
+    assert [name for name in BENCHES if re.search(rf"\b{name}\b", rule)] == []

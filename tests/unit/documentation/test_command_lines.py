@@ -76,7 +76,7 @@ def test_the_check_sees_what_is_wrong() -> None:
     assert "no command" in problem("capture-app sessions list|shwo")
     assert "no bench-nothing" in problem("make bench-nothing")
     assert "no nothing" in problem("make bench NAME=nothing")
-    assert problem("make bench NAME=soak SECONDS=120") == ""
+    assert problem("make bench NAME=soak BENCH=--cameras") == ""
     assert "simulshot" in problem("pip install simulshot")
     assert problem("pip install -c constraints.txt -e '.[export]'") == ""
     assert set(PROGRAMS) == {"capture-app", "reconstruct"}

@@ -5,6 +5,7 @@ each room from the table of docs/architecture.md, the imports from the code.
 """
 
 import re
+import sys
 import tomllib
 from collections import defaultdict
 from pathlib import Path
@@ -87,4 +88,4 @@ def picture() -> str:
 if __name__ == "__main__":
     PICTURE.write_text(picture())
     for room, others in sorted(imports().items()):
-        print(f"{room}: {', '.join(sorted(others)) or '-'}")
+        sys.stdout.write(f"{room}: {', '.join(sorted(others)) or '-'}\n")

@@ -140,7 +140,7 @@ def _documented(run: partial[Any], method: type[Method]) -> Callable[..., Any]:
     ) -> Any:
         return run(options, condition=condition, out=out, **chosen)
 
-    described_options = (f"    {of.field}: {of.settings['help']}" for of in described(method))
+    described_options = (f"    {option.field}: {option.settings['help']}" for option in described(method))
     bound.__name__ = bound.__qualname__ = method.name
     bound.__doc__ = "\n".join(
         (method.help, "", f"Options by name, as of {method.__name__}:", *described_options)

@@ -134,8 +134,8 @@ def squares_seen(grey: "NDArray[Any]") -> tuple[int, int] | None:
     import cv2
 
     flags = cv2.CALIB_CB_LARGER | cv2.CALIB_CB_NORMALIZE_IMAGE
-    found, _, cells = cv2.findChessboardCornersSBWithMeta(grey, (4, 4), flags)
-    return (max(cells.shape) + 1, min(cells.shape) + 1) if found else None
+    is_found, _, cells = cv2.findChessboardCornersSBWithMeta(grey, (4, 4), flags)
+    return (max(cells.shape) + 1, min(cells.shape) + 1) if is_found else None
 
 
 class Checkerboard(Squares):

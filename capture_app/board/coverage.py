@@ -77,9 +77,9 @@ View = tuple[NDArray[Any], NDArray[Any]]
 """A board's pose in an image: its four outer corners as fractions of the diagonal, and its normal."""
 
 
-def _are_alike(one: View, other: View) -> bool:
-    moved = float(np.linalg.norm(one[0] - other[0], axis=1).mean())
-    turned = float(np.degrees(np.arccos(np.clip(one[1] @ other[1], -1, 1))))
+def _are_alike(view: View, other: View) -> bool:
+    moved = float(np.linalg.norm(view[0] - other[0], axis=1).mean())
+    turned = float(np.degrees(np.arccos(np.clip(view[1] @ other[1], -1, 1))))
     return moved < NEW_PLACE and turned < NEW_TILT_DEG
 
 
@@ -196,11 +196,11 @@ def _unjoined(cameras: Mapping[str, CameraCoverage], shared: Mapping[tuple[str, 
             yield f"hold the board where {a} and {b} both see it ({views} of {MIN_SHARED} views)"
 
 
-def coverage_table(found: BoardCoverage) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+def coverage_table(coverage: BoardCoverage) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
     """Return head and rows of a table: each camera, and the cameras that it shares views with."""
 
     def others(name: str) -> str:
-        shared = (camera for camera in found.shared if name in camera.cameras)
+        shared = (camera for camera in coverage.shared if name in camera.cameras)
         return ", ".join(
             f"{camera.cameras[1 - camera.cameras.index(name)]} {camera.views}" for camera in shared
         )
@@ -214,7 +214,7 @@ def coverage_table(found: BoardCoverage) -> tuple[tuple[str, ...], list[tuple[st
             str(seen.tilted_along),
             others(name) or "–",
         )
-        for name, seen in found.cameras.items()
+        for name, seen in coverage.cameras.items()
     ]
 
 

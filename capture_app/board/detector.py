@@ -42,7 +42,7 @@ class BoardDetector:
             seen = 255 - grey if dark else grey
             detection = self._find(np.ascontiguousarray(seen[:, ::-1]) if back else seen)
             if detection and is_flat_board(self._places[[*detection]], np.array([*detection.values()])):
-                self._appearances.sort(key=lambda one: one != (dark, back))
+                self._appearances.sort(key=lambda appearance: appearance != (dark, back))
                 mirrored = {n: np.array([grey.shape[1] - 1 - x, y]) for n, (x, y) in detection.items()}
                 return mirrored if back else detection
         return {}

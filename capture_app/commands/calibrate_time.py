@@ -134,9 +134,9 @@ def _take(leader: Address, seconds: float, todo: str) -> Path:
 
 
 def _rows_of(
-    found: "MeasuredTimes", orders: "dict[str, SaveStamp]", saved: dict[str, bool]
+    measured: "MeasuredTimes", orders: "dict[str, SaveStamp]", saved: dict[str, bool]
 ) -> list[tuple[str, ...]]:
     from capture_app.common.camera_facts import describe_stamp
 
-    view = {"found": found, "orders": orders, "saved": saved, "describe_stamp": describe_stamp}
+    view = {"found": measured, "orders": orders, "saved": saved, "describe_stamp": describe_stamp}
     return render_rows("measured_times.txt", __package__, **view)

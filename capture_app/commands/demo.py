@@ -154,4 +154,4 @@ def measure_sync_errors(session: "Session") -> list[dict[str, Any]]:
             "hard_bound_ns": image.hard_bound_ns or 0,
         }
         errors[image.camera].append(of_image)
-    return [max(errors[name], key=lambda one: abs(one["total_error_ns"])) for name in sorted(errors)]
+    return [max(errors[name], key=lambda error: abs(error["total_error_ns"])) for name in sorted(errors)]

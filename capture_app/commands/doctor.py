@@ -110,8 +110,8 @@ def _ask(*command: str) -> Any:
         return {"error": done.stderr.decode(errors="replace").strip()}
 
 
-def _lines(found: "Sequence[Finding]") -> Iterator[str]:
-    for finding in found:
+def _lines(findings: "Sequence[Finding]") -> Iterator[str]:
+    for finding in findings:
         yield f"{finding.grade:7}  {finding.check:9}  {finding.text}"
         if finding.remedy:
             yield f"{'':20}→ {finding.remedy}"

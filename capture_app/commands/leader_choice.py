@@ -172,30 +172,32 @@ def find_leader(node: str = "") -> "FoundLeader":
 
     followed, can_ask, said = followed_leaders(node), sys.stdin.isatty(), ""
     while True:
-        found = run_until_stopped(find_leaders(log_line, followed))
-        if len(found) == 1 or can_ask or not followed:
+        leaders = run_until_stopped(find_leaders(log_line, followed))
+        if len(leaders) == 1 or can_ask or not followed:
             break
         if not said:
             said = "several leaders are in this network, but not the one that this node followed"
             log_line(f"{said}: waiting for it; choose another with --leader HOST:PORT")
-    leader = choose_leader(found, can_ask=can_ask)
+    leader = choose_leader(leaders, can_ask=can_ask)
     log_line(f"found a leader at {leader.addresses[0]} ({leader.name})")
     return leader
 
 
-def choose_leader(found: "Sequence[FoundLeader]", *, can_ask: bool) -> "FoundLeader":
+def choose_leader(leaders: "Sequence[FoundLeader]", *, can_ask: bool) -> "FoundLeader":
     """Return the leader that was found; of several the one that the user names.
 
     Raises NetworkError if there are several and no terminal to ask at.
     """
-    if len(found) == 1:
-        return found[0]
+    if len(leaders) == 1:
+        return leaders[0]
     if not can_ask:
-        names = ", ".join(f"{leader.addresses[0]} ({leader.name})" for leader in found)
+        names = ", ".join(f"{leader.addresses[0]} ({leader.name})" for leader in leaders)
         raise NetworkError(
             f"several leaders are in this network: {names}", hint="choose one with --leader HOST:PORT"
         )
-    for number, one in enumerate(found, 1):
-        talk(f"{number}  {one.addresses[0]}  {one.name}{'' if one.is_known else '  (not paired)'}")
-    which = click.IntRange(1, len(found))
-    return found[click.prompt("Several leaders are here. Which", type=which, default=1, err=True) - 1]
+    for number, offered in enumerate(leaders, 1):
+        talk(
+            f"{number}  {offered.addresses[0]}  {offered.name}{'' if offered.is_known else '  (not paired)'}"
+        )
+    which = click.IntRange(1, len(leaders))
+    return leaders[click.prompt("Several leaders are here. Which", type=which, default=1, err=True) - 1]

@@ -32,7 +32,7 @@ def list_entry(card: SessionCard) -> dict[str, Any]:
     }
 
 
-def list_lines(found: Sequence[SessionCard]) -> Iterator[str]:
+def list_lines(cards: Sequence[SessionCard]) -> Iterator[str]:
     """Yield a table of the sessions, and a line for each unusable one."""
     rows = [
         (
@@ -40,14 +40,14 @@ def list_lines(found: Sequence[SessionCard]) -> Iterator[str]:
             *map(str, (len(session.cameras), session.instants, session.images, session.missing)),
             session.origin,
         )
-        for session in found
+        for session in cards
         if not session.problem
     ]
     if rows:
         yield table(("name", "taken (UTC)", "cameras", "instants", "images", "missing", "origin"), rows)
     yield from (
         f"unusable: {session.name}: {session.problem} ({session.remedy})"
-        for session in found
+        for session in cards
         if session.problem
     )
 

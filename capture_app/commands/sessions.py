@@ -56,12 +56,12 @@ def list_command(root: Path | None, trashed: bool, as_json: bool) -> None:
     if trashed:
         list_trash(folder, as_json)
         return
-    found = [] if root is None and not folder.exists() else list_sessions(folder)
+    cards = [] if root is None and not folder.exists() else list_sessions(folder)
     answer(
         as_json,
-        {"root": str(folder), "sessions": [list_entry(card) for card in found]},
-        list_lines(found),
-        said="" if found else f"no sessions in {folder}",
+        {"root": str(folder), "sessions": [list_entry(card) for card in cards]},
+        list_lines(cards),
+        said="" if cards else f"no sessions in {folder}",
     )
     for path in unfinished_outputs(folder):
         talk(f"{path} is incomplete: if no command is writing it, run capture-app sessions repair {folder}")

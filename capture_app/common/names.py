@@ -80,7 +80,7 @@ def folder_names(labels: Sequence[str], what: str, otherwise: str) -> list[str]:
         raise BadInputError(f"two {what}s are named {twice[0]}", hint="name them: NAME=PATH")
     names: dict[str, str] = {}
     # A folder's name is first of all that of the label which is equal to it.
-    for number, label in sorted(enumerate(labels), key=lambda one: not _is_folder_name(one[1])):
+    for number, label in sorted(enumerate(labels), key=lambda numbered: not _is_folder_name(numbered[1])):
         nearest = label if _is_folder_name(label) else name_like(label, f"{otherwise}{number}")
         names[label] = free_name(nearest, names.values())
     return [names[label] for label in labels]

@@ -16,11 +16,11 @@ _WITH_USER = re.compile(r"(rtsp://)([^:@/]+)@(.*)")
 
 def hide_password(spec: str) -> str:
     """Return a camera's spec without its password, which moves to the environment of this process."""
-    if (found := _WITH_PASSWORD.fullmatch(spec)) is None:
+    if (match := _WITH_PASSWORD.fullmatch(spec)) is None:
         return spec
-    scheme, user, password, rest = found.groups()
+    scheme, user, password, rest = match.groups()
     # Unescaped, these characters would hide the host behind them.
-    os.environ[_variable(user, rest)] = re.sub("[/?#]", lambda found: quote(found[0], safe=""), password)
+    os.environ[_variable(user, rest)] = re.sub("[/?#]", lambda match: quote(match[0], safe=""), password)
     return f"{scheme.lower()}{user}@{rest}"
 
 

@@ -62,9 +62,9 @@ def _load_all(group: str, attributes: tuple[str, ...], path: tuple[str, ...]) ->
 
 def _find_plugins(group: str, path: tuple[str, ...]) -> Mapping[str, tuple[str, EntryPoint]]:
     """Return a group's packages and entry points by name, sorted; no package replaces one of simulshot's."""
-    found = [entry for entry in _find_all(path) if entry[1].group == group]
-    found.sort(key=lambda one: (one[0] == DISTRIBUTION, one[0]))
-    return dict(sorted({printable(entry.name): (package, entry) for package, entry in found}.items()))
+    entries = [entry for entry in _find_all(path) if entry[1].group == group]
+    entries.sort(key=lambda entry: (entry[0] == DISTRIBUTION, entry[0]))
+    return dict(sorted({printable(entry.name): (package, entry) for package, entry in entries}.items()))
 
 
 @cache

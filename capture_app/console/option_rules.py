@@ -54,7 +54,7 @@ def _is_given(ctx: click.Context, param: click.Parameter | None) -> bool:
 def _holds(ctx: click.Context, named: Mapping[str, click.Parameter], way: str) -> bool:
     name, _, values = way.lstrip("!").partition("=")
     value = ctx.params.get(getattr(named.get(name), "name", ""), True)
-    texts = {str(one).casefold().removesuffix(".0") for one in (value if type(value) is tuple else [value])}
+    texts = {str(item).casefold().removesuffix(".0") for item in (value if type(value) is tuple else [value])}
     return (
         not texts.isdisjoint(values.split("|"))
         if values

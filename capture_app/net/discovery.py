@@ -234,7 +234,9 @@ async def search_leaders(
             for key, addresses in reversed([*followed.items()]):
                 same = [leader for leader in answered if leader.is_known and leader.key == key]
                 # Of an open rig's leader that was started again, only the address is the same.
-                if same := same or [of for of in answered if trust.is_open and of.addresses[0] in addresses]:
+                if same := same or [
+                    leader for leader in answered if trust.is_open and leader.addresses[0] in addresses
+                ]:
                     return [replace(same[0], key=key)]
             # A relay, or another leader, may merely have answered sooner.
             is_best = not followed and any(leader.is_known and not leader.is_relay for leader in answered)
@@ -254,9 +256,9 @@ async def search_leaders(
             await asyncio.sleep(max(0.0, asked_s + ASK_EVERY_S - system.monotonic_s()))
 
 
-async def _answering(found: Sequence[FoundLeader], trust: Trust) -> list[FoundLeader]:
+async def _answering(leaders: Sequence[FoundLeader], trust: Trust) -> list[FoundLeader]:
     """Return the leaders that answer, each with the address that answers first."""
-    addresses = await asyncio.gather(*(first_to_answer(leader.addresses, ANSWER_S) for leader in found))
+    addresses = await asyncio.gather(*(first_to_answer(leader.addresses, ANSWER_S) for leader in leaders))
     return [
         replace(
             leader,
@@ -265,6 +267,6 @@ async def _answering(found: Sequence[FoundLeader], trust: Trust) -> list[FoundLe
             # Anyone can announce other leaders. They are followed only where each has to prove its key.
             among=() if trust.is_open else leader.among,
         )
-        for leader, address in zip(found, addresses, strict=True)
+        for leader, address in zip(leaders, addresses, strict=True)
         if address is not None
     ]

@@ -103,9 +103,9 @@ async def _find_obstacle(
         await end(datagrams, streams)
     if by_tcp is ProbeAnswer.CAME and by_udp in (ProbeAnswer.CAME, ProbeAnswer.SILENCE):
         # A hung leader accepts streams, because its kernel does so, and sends nothing on them.
-        found = await _why_unknown(leader, address, trust, silence_s)
-        if by_udp is ProbeAnswer.CAME or (found is not None and SAYS_NOTHING in found.what):
-            return found
+        other = await _why_unknown(leader, address, trust, silence_s)
+        if by_udp is ProbeAnswer.CAME or (other is not None and SAYS_NOTHING in other.what):
+            return other
     return obstacle(leader, by_udp, by_tcp, is_there=_is_neighbour_there(address.host))
 
 

@@ -85,7 +85,7 @@ def collect(newest: dict[str, Preview], preview: Preview) -> InstantPreviews | N
     newest[preview.camera] = preview
     if preview.instant_ns is None or not preview.completes:
         return None
-    same = {name: one for name, one in newest.items() if one.instant_ns == preview.instant_ns}
+    same = {name: other for name, other in newest.items() if other.instant_ns == preview.instant_ns}
     return InstantPreviews(preview.instant_ns, same)
 
 

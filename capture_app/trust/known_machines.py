@@ -177,31 +177,31 @@ class KnownMachines:
             if Role.STANDBY in machine.roles
         )
 
-    def take_trust_of(self, of: str, offered: Collection[KnownMachine]) -> None:
+    def take_trust_of(self, leader: str, offered: Collection[KnownMachine]) -> None:
         """Replace the machines that the leader with pin `of` vouches for by `offered`.
 
         Nothing changes unless that leader was confirmed here. A leader that is also a standby here may
         introduce machines with any role, another one only leaders. Machines confirmed here, or known through
         another leader, are unchanged. Raises DiskError, BadInputError.
         """
-        if (voucher := self.find(of)) is None or voucher.vouched_by or Role.LEADER not in voucher.roles:
+        if (voucher := self.find(leader)) is None or voucher.vouched_by or Role.LEADER not in voucher.roles:
             return
         allowed = set(Role) if Role.STANDBY in voucher.roles else {Role.LEADER}
 
         def change(machines: tuple[KnownMachine, ...]) -> tuple[KnownMachine, ...]:
-            known = {machine.pin: machine for machine in machines if machine.vouched_by != of}
+            known = {machine.pin: machine for machine in machines if machine.vouched_by != leader}
             names = {machine.name for machine in known.values()}
-            for one in offered:
-                roles = tuple(sorted(allowed & {*one.roles}))
-                if roles and one.pin not in known and len(known) < MAX_MACHINES:
-                    name = free_name(name_like(one.name, "machine"), names)
+            for offer in offered:
+                roles = tuple(sorted(allowed & {*offer.roles}))
+                if roles and offer.pin not in known and len(known) < MAX_MACHINES:
+                    name = free_name(name_like(offer.name, "machine"), names)
                     names.add(name)
-                    known[one.pin] = replace(one, name=name, roles=roles, vouched_by=of)
+                    known[offer.pin] = replace(offer, name=name, roles=roles, vouched_by=leader)
             return tuple(known.values())
 
-        for one in offered:
-            if one.certificate is not None:
-                _check_certificate(one.certificate, one.pin)
+        for offer in offered:
+            if offer.certificate is not None:
+                _check_certificate(offer.certificate, offer.pin)
         if {*change(self.all())} != {*self.all()}:
             self._file.change(change)
 

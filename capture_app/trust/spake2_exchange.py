@@ -82,7 +82,9 @@ class Invitations:
         Raises UnknownMachineError for a wrong proof, or if the code has expired or was used by another
         machine.
         """
-        is_open = any(one is invitation for one in self._invitations) and self._now_s() < invitation.ends_s
+        is_open = (
+            any(known is invitation for known in self._invitations) and self._now_s() < invitation.ends_s
+        )
         if not is_open or not hmac.compare_digest(proof, _proof(key, b"machine")):
             raise UnknownMachineError(WRONG_CODE, hint=SHOW_CODE)
         self._invitations.remove(invitation)

@@ -42,12 +42,12 @@ class PageCertificate:
         from cryptography import x509
 
         extensions = x509.load_pem_x509_certificate(self.file.read_bytes()).extensions
-        found = [
+        names_of = [
             extension.value
             for extension in extensions
             if isinstance(extension.value, x509.SubjectAlternativeName)
         ]
-        return [name for one in found for name in one.get_values_for_type(x509.DNSName)]
+        return [name for extension in names_of for name in extension.get_values_for_type(x509.DNSName)]
 
 
 def load_certificate(file: Path) -> PageCertificate:

@@ -37,7 +37,7 @@ def is_own_page(host: str, origin: str | None, names: Collection[str] = ()) -> b
         return False
     own = socket.gethostname().lower()
     accepted = {*LOOPBACK_HOSTS, own, f"{own.partition('.')[0]}.local", *map(str.lower, names)}
-    addresses = (one for family in (socket.AF_INET, socket.AF_INET6) for one in own_hosts(family))
+    addresses = (host for family in (socket.AF_INET, socket.AF_INET6) for host in own_hosts(family))
     return not foreign and (name in accepted or name in addresses)
 
 

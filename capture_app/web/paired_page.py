@@ -146,7 +146,9 @@ class Door:
         """Close unknown connections that are open for too long, and the oldest where there are too many."""
         now_s = asyncio.get_running_loop().time()
         transports = (connection.transport for connection in server.connections)
-        open_now = {one for one in transports if one is not None and not one.is_closing()}
+        open_now = {
+            transport for transport in transports if transport is not None and not transport.is_closing()
+        }
         self.trusted &= open_now
         self._since_s = {
             connection: self._since_s.get(connection, now_s) for connection in open_now - self.trusted
@@ -272,7 +274,7 @@ class PairedPage(ABC):
         link = PageLink(admitted, socket_, request.protocol)
         link.reading = asyncio.create_task(self.serve_link(link))
         self._links[link] = None
-        own = [one for one in self._links if one.admitted == admitted]
+        own = [link for link in self._links if link.admitted == admitted]
         for oldest in own[:-MAX_LINKS_PER_DEVICE]:
             oldest.end(BAD_PAGE, b"Too many pages of this device are open: close some.")
         self._door.trusted.add(request.transport)

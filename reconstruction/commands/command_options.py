@@ -66,9 +66,9 @@ def click_options(options: type[msgspec.Struct], *, own: bool = False) -> Iterat
             yield click.Option([*dict.fromkeys((*option.names, option.keyword))], **settings)
 
 
-def _click_type(one: Described) -> dict[str, Any]:
+def _click_type(option: Described) -> dict[str, Any]:
     """Return click's settings for a value of an option's type within its bounds."""
-    kind: Any = one.kind
+    kind: Any = option.kind
     if kind == Pair:
         return PAIR
     if kind == tuple[int, ...]:
@@ -85,11 +85,11 @@ def _click_type(one: Described) -> dict[str, Any]:
     if isinstance(kind, type) and issubclass(kind, StrEnum):
         names = [str(value) for value in kind]
         return {"type": click.Choice(names), "callback": lambda ctx, param, value: kind(value)}
-    if not one.bounds:
+    if not option.bounds:
         return {}
-    low = one.bounds.get("ge", one.bounds.get("gt"))
+    low = option.bounds.get("ge", option.bounds.get("gt"))
     kind = click.IntRange if kind is int else FiniteRange
-    return {"type": kind(min=low, min_open="gt" in one.bounds, max=one.bounds.get("le"))}
+    return {"type": kind(min=low, min_open="gt" in option.bounds, max=option.bounds.get("le"))}
 
 
 PAIR: dict[str, Any] = {

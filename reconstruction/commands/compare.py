@@ -40,7 +40,7 @@ class _CompareCommand(RuledCommand):
             Rule(" ".join(option.opts[0] for option in options), f"!--study --study={'|'.join(studies)}")
             for kind in scored()
             if (options := [*command_options.click_options(kind)])
-            and (studies := [kind.name, *(one.name for one in scored() if kind.name in one.needs)])
+            and (studies := [kind.name, *(study.name for study in scored() if kind.name in study.needs)])
         ]
         params = super().get_params(ctx)
         out = [param.name for param in params].index("out")

@@ -48,11 +48,11 @@ def colour_confidence(confidence: Array) -> Array:
     return np.asarray(picture)
 
 
-def mark_moving(image: Array, moving: Array, found: Array) -> Array:
+def mark_moving(image: Array, moving: Array, known: Array) -> Array:
     """Return the photograph, paler, with moving pixels in teal if depth was found and in orange if not."""
     grey = cv2.cvtColor(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), cv2.COLOR_GRAY2BGR)
     picture = (0.6 * grey + 0.2 * image).astype(np.float32)
-    for mask, colour in ((moving & found, FOUND), (moving & ~found, LOST)):
+    for mask, colour in ((moving & known, FOUND), (moving & ~known, LOST)):
         picture[mask] = 0.25 * grey[mask] + 0.75 * np.array(colour, np.float32)
     return np.asarray(np.clip(picture, 0, 255), np.uint8)
 

@@ -139,7 +139,9 @@ def _thin_points(
     image: CalibratedImage, others: Sequence[CalibratedImage], depth_range: tuple[float, float]
 ) -> Array:
     """Return points (n, 3) of things nearer than a view's range that are too thin for the small images."""
-    reference, *sources = (one.scaled(min(1.0, THIN_WIDTH_PX / one.view.width)) for one in (image, *others))
+    reference, *sources = (
+        picture.scaled(min(1.0, THIN_WIDTH_PX / picture.view.width)) for picture in (image, *others)
+    )
     source_views = [SourceView(reference, source) for source in sources]
     levels = _levels(source_views, [(1 / depth_range[1], NEARER / depth_range[0])])
     level, _, _, cost = PlaneSweep(window=THIN_WINDOW).sweep_once(reference, source_views, levels)

@@ -109,10 +109,10 @@ def costs_along(source_views: Sequence[SourceView], inverse_depth: Array) -> Arr
     return np.array(cost_volume(source_views, inverse_depth, np.zeros(1))[:, 0])
 
 
-def _scan(volume: Array, grey: Array, small: int, large: int, *found: Array | None) -> Array:
+def _scan(volume: Array, grey: Array, small: int, large: int, *given: Array | None) -> Array:
     height, depths, width = volume.shape
     total = _reused("total", volume.shape, np.int16)
-    call_kernel("cheapest", height, width, depths, volume, floats(grey), small, large, total, *found)
+    call_kernel("cheapest", height, width, depths, volume, floats(grey), small, large, total, *given)
     return total
 
 

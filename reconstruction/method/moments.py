@@ -52,8 +52,8 @@ def see_moments(
         if masks is not None:
             shown = instants_shown(scene.dataset, condition, seen.instant)
             moment = {
-                camera: of.within(read_mask(scene, masks, camera, shown[camera]))
-                for camera, of in seen.moment.items()
+                camera: seen_view.within(read_mask(scene, masks, camera, shown[camera]))
+                for camera, seen_view in seen.moment.items()
             }
             seen = seen._replace(moment=moment)
         yield seen
@@ -66,7 +66,7 @@ def read_mask(scene: Scene, masks: str, camera: str, instant: int) -> Array:
         BadInputError: it is missing, or not an image.
     """
     view, folder = scene.views[camera], Path(masks)
-    labels = pair_labels(sorted(one.name for one in folder.glob("*/")), scene.dataset.labels)
+    labels = pair_labels(sorted(place.name for place in folder.glob("*/")), scene.dataset.labels)
     path = mask_path(folder, labels.get(camera, camera), scene.dataset.record(camera, instant).instant)
     if not path.is_file():
         raise BadInputError(f"{path} is missing", hint="reconstruct movers makes masks of all images")

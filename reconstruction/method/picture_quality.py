@@ -17,7 +17,7 @@ def psnr(picture: Array, truth: Array, where: Array | None = None) -> float:
 
 def ssim(picture: Array, truth: Array) -> float:
     """Return the mean structural similarity of the grey levels of BGR pictures (Wang et al. 2004)."""
-    a, b = (cv2.cvtColor(one, cv2.COLOR_BGR2GRAY).astype(np.float64) for one in (picture, truth))
+    a, b = (cv2.cvtColor(colours, cv2.COLOR_BGR2GRAY).astype(np.float64) for colours in (picture, truth))
 
     def mean(image: Array) -> Array:
         return np.asarray(cv2.GaussianBlur(image, (_WINDOW, _WINDOW), _SIGMA))

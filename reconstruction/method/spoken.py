@@ -17,7 +17,7 @@ def spoken(result: Any, labels: Mapping[str, str]) -> Any:
     if isinstance(result, Struct):
         parts = ((name, getattr(result, name)) for name in result.__struct_fields__)
         named = (part for part in parts if part[0] in ONE_CAMERA or not isinstance(part[1], str))
-        return structs.replace(result, **{name: spoken(of, labels) for name, of in named})
+        return structs.replace(result, **{name: spoken(field, labels) for name, field in named})
     if isinstance(result, dict):
         return {labels.get(key, key): spoken(part, labels) for key, part in result.items()}
     if isinstance(result, list | tuple):

@@ -429,7 +429,7 @@ def with_curve_peak(timing: Timing, peaks_ms: Mapping[int, float], spacing_ms: f
 def _moves_beside(timing: Timing, instants: Sequence[int]) -> bool:
     """Return whether much moves before or after these instants, farther from them than they are apart."""
     apart = max(b - a for a, b in pairwise(instants))
-    moving = {*timing.images.unvoted, *(one.instant for one in timing.instants)}
+    moving = {*timing.images.unvoted, *(timed.instant for timed in timing.instants)}
     beside = [k for k in moving if not instants[0] - apart < k < instants[-1] + apart]
     return len(beside) > MAX_UNSEEN * len(moving)
 

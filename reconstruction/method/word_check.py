@@ -32,12 +32,12 @@ def check_words(score: type[Score], facts: Any = None) -> None:
     text = score.text
     texts = (text.caption, text.engine, text.details, *(measure.text for measure in text.measures))
     try:
-        for found, result in _results(score, facts):
-            placeholders = score.placeholders(found)
+        for study, result in _results(score, facts):
+            placeholders = score.placeholders(study)
             for told in texts:
                 told.format(**placeholders)
             for say in (score.verdict, score.as_recorded, score.control_sentence):
-                say(result, found)
+                say(result, study)
     except Exception as error:
         raise BadInputError(
             f"the words of {score.__module__} fail: {unexpected_error(error).what}",
@@ -54,9 +54,9 @@ def _results(score: type[Score], facts: Any) -> Iterator[tuple[StudyResult[Any],
     for (synced, offset), missing in product(VALUES, ("", *names)):
         known = Interval(value=synced), Interval(value=offset)
         measures = tuple(Measure(name=n, synced=known[0], offset=known[1]) for n in names if n != missing)
-        found = StudyResult(name=score.text.name, cameras=cameras, instants=9, measures=measures, facts=facts)
+        study = StudyResult(name=score.text.name, cameras=cameras, instants=9, measures=measures, facts=facts)
         for timing in timings:
-            yield found, CompareResult(studies=(found,), timing=timing, actual_offset_ms=67.0)
+            yield study, CompareResult(studies=(study,), timing=timing, actual_offset_ms=67.0)
 
 
 def _timings() -> Iterator[Timing]:

@@ -53,8 +53,8 @@ def report_words(result: CompareResult) -> dict[str, Any]:
     """
     names = name_conditions(result)
     tables = [
-        study_table(found, name_conditions(result, found.cameras))
-        for study, found in reported(result)
+        study_table(made, name_conditions(result, made.cameras))
+        for study, made in reported(result)
         if study.text.measures
     ]
     return {
@@ -114,7 +114,7 @@ def _page(result: CompareResult, out: Path, running: Sequence[str]) -> str:
     # Those with a slider come first.
     pictures.sort(key=lambda shown: shown[0].panels > 1)
     hero = next((shown for shown in pictures if shown[0].key == shown[1]["text"].hero), None)
-    texts = [study.text for study in (*(one for one, _ in made), *study_reports().values())]
+    texts = [study.text for study in (*(study for study, _ in made), *study_reports().values())]
     reason = next((text for text in texts if text.why), None)
     view = {
         "title": f"{name}: {names.first.lower()} against {names.late}",

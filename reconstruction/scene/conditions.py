@@ -117,13 +117,13 @@ class Condition:
         """
         if len(self.listed_ms) > 1:
             dataset.require_offset_each(self.listed_ms)
-        of = {
+        names = {
             text: require_camera(text, dataset.labels, "--condition")
             for text in (*dict(self.named_ms), self.anchor)
             if text
         }
-        named_ms = tuple((of[text], ms) for text, ms in self.named_ms)
-        return replace(self, named_ms=named_ms, anchor=of.get(self.anchor, ""))
+        named_ms = tuple((names[text], ms) for text, ms in self.named_ms)
+        return replace(self, named_ms=named_ms, anchor=names.get(self.anchor, ""))
 
 
 SYNCHRONIZED, ALL_APART = Condition(SYNCED), Condition(DISTINCT)

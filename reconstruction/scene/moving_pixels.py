@@ -96,11 +96,11 @@ def in_light_of(image: Array, other: Array) -> Array:
     A lamp that flickers scales the image, mains light with a rolling shutter its rows, of which most stands
     still. The image is returned unchanged unless this explains half of the difference.
     """
-    some, others = (of[::LIGHT_STEP, ::LIGHT_STEP].astype(np.float32) for of in (image, other))
+    some, others = (picture[::LIGHT_STEP, ::LIGHT_STEP].astype(np.float32) for picture in (image, other))
     gains = np.median((some + 1) / (others + 1), axis=1)
     rows = max(1, len(gains) // LIGHT_STRIPS)
     gains = np.median(sliding_window_view(np.pad(gains, rows, mode="edge"), 2 * rows + 1), axis=1)[:, None]
-    changed, left = (float(np.median(np.abs(some - of))) for of in (others, others * gains))
+    changed, left = (float(np.median(np.abs(some - picture))) for picture in (others, others * gains))
     if left >= changed / 2:
         return other
     lit = np.minimum(other * cv2.resize(gains, (1, len(other))), WHITE)

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 
-def exchange(one: Path, other: Path) -> bool:
+def exchange(path: Path, other: Path) -> bool:
     """Return False: two folders are swapped by three renames."""
     return False
 

@@ -38,12 +38,12 @@ def path_of(handle: int) -> Path:
     return Path()
 
 
-def exchange(one: Path, other: Path) -> bool:
+def exchange(path: Path, other: Path) -> bool:
     """Swap two files or folders of one file system atomically; return False if the system cannot do it.
 
     Raises OSError.
     """
-    return _renameat2(one, other, _EXCHANGING)
+    return _renameat2(path, other, _EXCHANGING)
 
 
 def move_new(source: Path, target: Path) -> None:
@@ -55,12 +55,12 @@ def move_new(source: Path, target: Path) -> None:
         plain_move(source, target)
 
 
-def _renameat2(one: Path, other: Path, how: int) -> bool:
+def _renameat2(path: Path, other: Path, how: int) -> bool:
     here = -100  # AT_FDCWD
     renameat2 = getattr(ctypes.CDLL(None, use_errno=True), "renameat2", None)
     if renameat2 is None:
         return False
-    if renameat2(here, os.fsencode(one), here, os.fsencode(other), how) == 0:
+    if renameat2(here, os.fsencode(path), here, os.fsencode(other), how) == 0:
         return True
     code = ctypes.get_errno()
     if is_missing("renameat2", code):

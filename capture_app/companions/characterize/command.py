@@ -47,8 +47,8 @@ def characterize(spec: str, seconds: float, starts: int, save: bool, as_json: bo
     answer(as_json, character, [table((spec, ""), _rows(character)), *saved[: character.saved]])
 
 
-def _rows(found: "Character") -> list[tuple[str, ...]]:
+def _rows(character: "Character") -> list[tuple[str, ...]]:
     from capture_app.common.camera_facts import describe_stamp
 
-    stamps = describe_stamp(found.camera.stamp_accuracy)
-    return render_rows("character.txt", __package__, found=found, stamps=stamps)
+    stamps = describe_stamp(character.camera.stamp_accuracy)
+    return render_rows("character.txt", __package__, found=character, stamps=stamps)

@@ -76,7 +76,7 @@ def _check_options(name: str, exporter: Exporter, given: dict[str, Any]) -> None
     own = own_options(exporter)
     if unknown := [option for option in given if option not in own]:
         formats = ", ".join(
-            other for other, one in load_exporters().items() if unknown[0] in own_options(one)
+            other for other, exporter in load_exporters().items() if unknown[0] in own_options(exporter)
         )
         raise BadInputError(f"{name} takes no --{unknown[0]}", hint=formats and f"it is for {formats}")
 

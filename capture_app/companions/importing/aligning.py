@@ -77,8 +77,8 @@ def split_views(aligned: Aligned) -> Aligned:
     """Return a recording whose cameras are two each: the views side by side in each of their pictures."""
     sides = {"left": False, "right": True}
 
-    def both(of: Mapping[str, _Value]) -> dict[str, _Value]:
-        return {f"{name}-{side}": value for name, value in of.items() for side in sides}
+    def both(values: Mapping[str, _Value]) -> dict[str, _Value]:
+        return {f"{name}-{side}": value for name, value in values.items() for side in sides}
 
     sources = [
         Half(source, f"{source.name}-{side}", right=right)

@@ -68,9 +68,9 @@ def read(session: Path, out: Path | None, apply: bool, as_json: bool) -> None:
             name: msgspec.to_builtins(correction) for name, correction in apply_panel(opened, times).items()
         }
         figures["words"]["remarks"] += [
-            f"{name}: times corrected by {of['offset_ns'] / 1e6:+.2f} ± {of['uncertainty_ns'] / 1e6:.2f} ms"
-            for name, of in figures["applied"].items()
-            if of.get("uncertainty_ns")
+            f"{name}: times corrected by {at['offset_ns'] / 1e6:+.2f} ± {at['uncertainty_ns'] / 1e6:.2f} ms"
+            for name, at in figures["applied"].items()
+            if at.get("uncertainty_ns")
         ]
     if out is not None:
         with OutputFolder(out, replaces_only({RESULT})) as output:

@@ -161,8 +161,8 @@ def _summary(values: Sequence[float]) -> ErrorSummary:
     )
 
 
-def _held(of: Iterable[bool]) -> Held | None:
-    every = list(of)
+def _held(flags: Iterable[bool]) -> Held | None:
+    every = list(flags)
     return Held(held=sum(every), count=len(every)) if every else None
 
 

@@ -63,10 +63,10 @@ def make_track(readings: Sequence[TrackReading], *, alike: float = 1.0) -> Panel
             "the panel's page was loaded again meanwhile, or it saw two screens: show one page"
         )
     panel = readings[0].read.panel
-    in_order = sorted(readings, key=lambda one: one.own_s)
+    in_order = sorted(readings, key=lambda reading: reading.own_s)
     own_s = np.array([reading.own_s for reading in in_order])
     visit = np.concatenate([[0], np.cumsum(np.diff(own_s) > VISIT_GAP_S)])
-    found = [reading.read.at_row(reading.row) for reading in in_order]
+    reads = [reading.read.at_row(reading.row) for reading in in_order]
     shown_s = np.full(len(in_order), np.nan)
     for number in range(int(visit[-1]) + 1):
         members = np.flatnonzero(visit == number)
@@ -77,10 +77,10 @@ def make_track(readings: Sequence[TrackReading], *, alike: float = 1.0) -> Panel
             for k in members
         ]
         shown_s[members] = _unwrap(
-            own_s[members], np.array([found[k][0] for k in members]) / 1e9, turn_s, panel.cycle_ns / 1e9
+            own_s[members], np.array([reads[k][0] for k in members]) / 1e9, turn_s, panel.cycle_ns / 1e9
         )
     known = np.isfinite(shown_s)
-    sd_s = np.array([error_ns for _, error_ns in found]) / SIGMAS_95 / 1e9
+    sd_s = np.array([error_ns for _, error_ns in reads]) / SIGMAS_95 / 1e9
     return PanelTrack(panel, page, own_s[known], shown_s[known], sd_s[known], visit[known], alike)
 
 

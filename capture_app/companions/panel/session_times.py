@@ -127,7 +127,7 @@ def _read(session: Session, camera: CameraRecord, image: ImageRecord, reading: C
 def pairs(times: SessionTimes) -> "Iterator[tuple[PictureTime, PictureTime]]":
     """Yield the pairs of images of the same instant by two cameras, cameras in the session's order."""
     pictures = sorted(
-        times.pictures, key=lambda one: (one.image.instant, times.cameras.index(one.image.camera))
+        times.pictures, key=lambda picture: (picture.image.instant, times.cameras.index(picture.image.camera))
     )
-    for _, some in groupby(pictures, key=lambda one: one.image.instant):
+    for _, some in groupby(pictures, key=lambda picture: picture.image.instant):
         yield from combinations(some, 2)

@@ -86,6 +86,8 @@ async def _tell(leader: Address, app: AppLeader) -> None:
 
 async def _ask(app: AppLeader) -> None:
     while True:
-        for host in [h for h, of in app.phones.items() if of.clock.samples or random.random() < NEW_PHONE]:
+        for host in [
+            h for h, phone in app.phones.items() if phone.clock.samples or random.random() < NEW_PHONE
+        ]:
             app.send(REQUEST.pack(host_ns()), (host, TIME_PORT))
         await asyncio.sleep(ASK_EVERY_S)

@@ -261,7 +261,7 @@ def _agreeing(seen: Sequence[Flash], others: Sequence[Flash], period_s: float) -
         offset_s = first.rough_s - other.rough_s
         pairs = []
         for flash in others:
-            nearest = min(seen, key=lambda of: abs(of.rough_s - flash.rough_s - offset_s))
+            nearest = min(seen, key=lambda other: abs(other.rough_s - flash.rough_s - offset_s))
             # Clock drift shifts flashes that are far from this one by more.
             slack_s = near_s + MAX_DRIFT_PPM * 1e-6 * abs(flash.rough_s - other.rough_s)
             if abs(nearest.rough_s - flash.rough_s - offset_s) < slack_s and nearest.step == flash.step:

@@ -241,7 +241,12 @@ def _line(clock: GpsClock, zero_s: float, *, of_utc: bool) -> CameraTimes:
 
 def _clock(key: str, timed: list[tuple[float, float, list[GpsStream]]]) -> GpsClock | str:
     """Return the good fixes of one kind, without outliers; otherwise the reason why there are too few."""
-    own = [(begin_s, long_s, of) for begin_s, long_s, streams in timed for of in streams if of[0] == key]
+    own = [
+        (begin_s, long_s, stream)
+        for begin_s, long_s, streams in timed
+        for stream in streams
+        if stream[0] == key
+    ]
     fixes: list[tuple[float, float]] = []
     before_s = -math.inf
     for begin_s, long_s, (_, after_s, stream) in own:

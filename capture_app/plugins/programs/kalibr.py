@@ -77,7 +77,9 @@ def read_sensors(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) -> V
     files = {
         name or file.resolve().parent.name: file
         for name, path in paths
-        for file in ([file for of in _SENSORS for file in sorted(path.glob(of))] if path.is_dir() else [path])
+        for file in (
+            [file for pattern in _SENSORS for file in sorted(path.glob(pattern))] if path.is_dir() else [path]
+        )
     }
     views = {}
     for name, file in files.items():

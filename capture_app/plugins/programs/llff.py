@@ -35,7 +35,9 @@ def open_recording(path: Path, *, png: bool, recording: str | None) -> Layout | 
         path=place,
         sources=sources,
         # LLFF's rows are in the order of the files' names.
-        views=_views(source, [camera.name for camera in sorted(sources, key=lambda one: one.path.name)]),
+        views=_views(
+            source, [camera.name for camera in sorted(sources, key=lambda camera: camera.path.name)]
+        ),
         notes=[f"each of {count} images is a camera of one instant"],
     )
 

@@ -54,8 +54,8 @@ def read_calibration(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) 
             f"{path} has aligned cameras of {count(len(parts), 'component')}",
             hint="align all cameras into one component, and export them again",
         )
-    owners = [*(one for one in chunk.iter("component") if one.get("id") in parts), chunk]
-    scale = next((text for one in owners if (text := one.findtext("transform/scale"))), None)
+    owners = [*(owner for owner in chunk.iter("component") if owner.get("id") in parts), chunk]
+    scale = next((text for owner in owners if (text := owner.findtext("transform/scale"))), None)
     metres = number(str(path), {"scale": 1.0 if scale is None else scale}, "scale")
     sensors = {sensor.get("id"): sensor for sensor in chunk.iter("sensor")}
     found = [

@@ -48,7 +48,7 @@ def write(
     focal = (
         min(map(_whole_focal, cameras.values()))
         if whole
-        else max(min_focal(one, WIDTH, HEIGHT) for one in cameras.values())
+        else max(min_focal(lens, WIDTH, HEIGHT) for lens in cameras.values())
     )
     bounds = {name: _bounds(near, far, depth) for name, depth in focus_depths(cameras).items()}
     film_cameras = {name: centred_pinhole(camera, WIDTH, HEIGHT, focal) for name, camera in cameras.items()}

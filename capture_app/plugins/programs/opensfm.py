@@ -76,7 +76,7 @@ def _view(where: str, shot: dict[str, Any], lenses: dict[str, Any]) -> View:
     across, down = ((side - 1) / 2 / max(size) for side in size)
     cx, cy = number(where, lens, "c_x", 0.0) + across, number(where, lens, "c_y", 0.0) + down
     return View(
-        matrix=pinhole(*(max(size) * of for of in (fx, number(where, lens, "focal_y", fx), cx, cy))),
+        matrix=pinhole(*(max(size) * focal for focal in (fx, number(where, lens, "focal_y", fx), cx, cy))),
         distortion=np.array([number(where, lens, key, 0.0) for key in TERMS[model in _FISHEYES]]),
         rotation=rotation_of(numbers(where, shot, "rotation", 3)),
         translation=numbers(where, shot, "translation", 3),

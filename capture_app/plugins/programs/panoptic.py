@@ -21,7 +21,7 @@ def read_calibration(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) 
     content = read_json(path)
     listed = content.get("cameras") if isinstance(content, dict) and "calibDataSource" in content else None
     views = {}
-    for camera in (one for one in listed if isinstance(one, dict)) if isinstance(listed, list) else ():
+    for camera in (entry for entry in listed if isinstance(entry, dict)) if isinstance(listed, list) else ():
         name = str(camera.get("name"))
         film, where = f"{camera.get('type')}_{name}", f"{path}: camera {name}"
         views[film if film in cameras else name] = View(

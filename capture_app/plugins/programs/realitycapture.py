@@ -41,7 +41,7 @@ def read_calibration(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) 
 
     Raises BadInputError, with the file, if it is malformed, lies beside no image or has another lens model.
     """
-    found = [
+    files = [
         (
             name or camera_of(str(file.relative_to(path) if path.is_dir() else file.name), cameras),
             _view(file, given),
@@ -50,9 +50,9 @@ def read_calibration(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) 
         for file in (sorted(path.rglob("*.xmp")) if path.is_dir() else [path])
         if (given := _values(file))
     ]
-    if not found:
+    if not files:
         return None
-    views = views_of_images(str(paths[0][1]), found, "a rig stands still: give the files of one instant")
+    views = views_of_images(str(paths[0][1]), files, "a rig stands still: give the files of one instant")
     return Views(views, "RealityCapture's XMP", assumed_unit="arbitrary")
 
 
@@ -60,7 +60,9 @@ def _values(file: Path) -> dict[str, list[str]]:
     """Return RealityCapture's values in a file, which are attributes or elements; none if it has none."""
     if (root := read_xml(file, "x:xmpmeta")) is None:
         return {}
-    said = [pair for one in root.iter() for pair in (*one.attrib.items(), (one.tag, one.text))]
+    said = [
+        pair for element in root.iter() for pair in (*element.attrib.items(), (element.tag, element.text))
+    ]
     return {key.removeprefix(_XCR): str(text).split() for key, text in said if key.startswith(_XCR)}
 
 

@@ -108,7 +108,7 @@ class ExportedBurst:
         groups = (
             list(images) for _, images in groupby(self._in_order(camera), key=lambda image: image.leader_ns)
         )
-        return [next((one for one in group if not one.substitute), group[-1]) for group in groups]
+        return [next((image for image in group if not image.substitute), group[-1]) for group in groups]
 
     def image_at(self, camera: str, instant: int) -> ImageRecord | None:
         """Return the image that was taken at an instant, or None if it is missing or a substitute."""

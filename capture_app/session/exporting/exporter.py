@@ -90,4 +90,4 @@ def own_options(exporter: Exporter) -> dict[str, tuple[type[Any], Option]]:
     return own
 
 
-_STATED = tuple(one.name for one in fields(Exporter))
+_STATED = tuple(field.name for field in fields(Exporter))

@@ -76,9 +76,9 @@ def write_ply(path: Path, cloud: PointCloud, normals: Array | None = None) -> No
 
 
 def _vertices(data: bytes) -> NDArray[np.void]:
-    head, found, body = data.partition(b"end_header")
+    head, separator, body = data.partition(b"end_header")
     lines = [line.split() for line in head.decode("ascii").splitlines() if line.strip()]
-    if not found or lines[0] != ["ply"]:
+    if not separator or lines[0] != ["ply"]:
         raise ValueError("no header")
     order = _ORDERS[next((line[1] for line in lines if line[0] == "format"), "no format")]
     elements = [line for line in lines if line[0] == "element"]

@@ -43,9 +43,9 @@ def pair_labels(labels: Iterable[str], cameras: Sequence[str] | Mapping[str, str
     for key, called in product(keys, called_by):
         own = {name: key(label) for name, label in called.items() if name not in pairs}
         given = {label: key(label) for label in left}
-        for name, of in own.items():
-            same = [label for label in left if given[label] == of]
-            if len(same) == 1 and sum(other == of for other in own.values()) == 1:
+        for name, mine in own.items():
+            same = [label for label in left if given[label] == mine]
+            if len(same) == 1 and sum(other == mine for other in own.values()) == 1:
                 pairs[name] = same[0]
         left = [label for label in left if label not in pairs.values()]
     return pairs or _by_number(left, [*names])

@@ -75,7 +75,9 @@ class CommonTimes(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True,
     @property
     def methods(self) -> str:
         """The methods that aligned its cameras, in words: "sound, motion"; empty if none did."""
-        return ", ".join(dict.fromkeys(of.source for of in self.cameras.values() if of.source != REFERENCE))
+        return ", ".join(
+            dict.fromkeys(camera.source for camera in self.cameras.values() if camera.source != REFERENCE)
+        )
 
     @property
     def words(self) -> str:

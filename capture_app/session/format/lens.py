@@ -297,7 +297,7 @@ def redrawing(camera: CameraCalibration, target: CameraCalibration) -> Redraw | 
     import cv2
 
     size = (target.width, target.height)
-    lenses = [(one.width, one.height, one.model, _parameters(one)) for one in (camera, target)]
+    lenses = [(lens.width, lens.height, lens.model, _parameters(lens)) for lens in (camera, target)]
     if lenses[0] == lenses[1]:
         return None
     if lens_of(target).is_straight:

@@ -467,7 +467,7 @@ def _row_scatter(images: Sequence[tuple[CameraRecord, ImageRecord]]) -> int | No
     if len(rows) < 2:
         return None
     shared = 0, min(row.rows for _, row in rows) - 1
-    return max(_spread([of.middle_ns(row) - delay_ns for delay_ns, of in rows]) for row in shared)
+    return max(_spread([image.middle_ns(row) - delay_ns for delay_ns, image in rows]) for row in shared)
 
 
 def inside(folder: Path, path: str) -> Path:

@@ -28,7 +28,7 @@ def exported_layout(
     """
     order = [camera.name for camera in record.manifest.cameras]
     sources = sorted(
-        (source for source in sources if source.name in order), key=lambda one: order.index(one.name)
+        (source for source in sources if source.name in order), key=lambda source: order.index(source.name)
     )
     return Layout(
         program=f"simulshot: the session {record.manifest.name}, exported for {record.format}",

@@ -278,10 +278,10 @@ def describe_times(times_ns: Sequence[int]) -> str:
     if regular < MIN_REGULAR:
         return ""
 
-    def describe(what: str, found: Mapping[int, int]) -> str:
-        frame, total = min(found), sum(found.values())
+    def describe(what: str, counts: Mapping[int, int]) -> str:
+        frame, total = min(counts), sum(counts.values())
         frames = f"{count(total, 'frame')} {'is' if total == 1 else 'are'} {what}"
-        places = "" if len(found) == 1 else f" in {len(found)} places, the first"
+        places = "" if len(counts) == 1 else f" in {len(counts)} places, the first"
         at_s, step_ms = (times_ns[frame] - times_ns[0]) / 1e9, steps_ns[frame] / 1e6
         interval = f"{step_ms:.1f} ms pass instead of {period_ns / 1e6:.1f}"
         return f"{frames}{places} after frame {frame} ({at_s:.2f} s), where {interval}"

@@ -60,7 +60,7 @@ def repair_drops(session: Session, steps: Mapping[str, Sequence[tuple[int, int]]
     _require_images(session, "--repair-drops")
     manifest, period_ns = session.manifest, session.manifest.burst.period_ns
     cameras: dict[str, list[TimedFrame]] = {}
-    for place, image in sorted(enumerate(manifest.images), key=lambda one: one[1].instant):
+    for place, image in sorted(enumerate(manifest.images), key=lambda numbered: numbered[1].instant):
         later_ns = period_ns * sum(n for at, n in steps.get(image.camera, ()) if at <= image.instant)
         frames, at_ns = cameras.setdefault(image.camera, []), image.leader_ns + later_ns
         # Of the images of a repeated frame, the first has its time.

@@ -132,7 +132,7 @@ def video_span(path: Path, changed_ns: int) -> tuple[float | None, float]:
             # No camera writes other formats.
             with suppress(ValueError):
                 dates_s.append(datetime.fromisoformat(holder.metadata.get("creation_time", "")).timestamp())
-        lengths_s = [float(one.duration * one.time_base) for one in holders[1:] if one.duration]
+        lengths_s = [float(stream.duration * stream.time_base) for stream in holders[1:] if stream.duration]
     # Zero in QuickTime's dates, 1904, means that there is no date.
     return next((date_s for date_s in dates_s if date_s > 0), None), sum(lengths_s)
 

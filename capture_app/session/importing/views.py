@@ -186,13 +186,13 @@ def views_of_images(where: str, images: Iterable[tuple[str, View]], hint: str) -
     return views
 
 
-def _same_view(one: View, other: View, extent: float) -> bool:
+def _same_view(view: View, other: View, extent: float) -> bool:
     """Return whether two views have one pose and lens; `extent` is the rig's, in the translations' unit."""
     return (
-        one.size == other.size
-        and one.is_fisheye == other.is_fisheye
-        and np.array_equal(one.matrix, other.matrix)
-        and np.array_equal(one.distortion, other.distortion)
-        and bool(np.abs(one.rotation - other.rotation).max() <= SAME_ROTATION)
-        and bool(np.abs(one.translation - other.translation).max() <= SAME_PLACE * extent)
+        view.size == other.size
+        and view.is_fisheye == other.is_fisheye
+        and np.array_equal(view.matrix, other.matrix)
+        and np.array_equal(view.distortion, other.distortion)
+        and bool(np.abs(view.rotation - other.rotation).max() <= SAME_ROTATION)
+        and bool(np.abs(view.translation - other.translation).max() <= SAME_PLACE * extent)
     )

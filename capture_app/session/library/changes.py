@@ -211,7 +211,7 @@ def trashed_sessions(root: Path) -> list[TrashedSession]:
         with suppress(BadInputError):
             trashed = msgspec.structs.replace(read_struct(entry / _RECORD, TrashedSession), id=entry.name)
         sessions.append(trashed)
-    return sorted(sessions, key=lambda one: one.trashed)
+    return sorted(sessions, key=lambda session: session.trashed)
 
 
 def restore_session(root: Path, which: str = "", *, name: str = "") -> Path:
@@ -220,15 +220,15 @@ def restore_session(root: Path, which: str = "", *, name: str = "") -> Path:
     `which` is its id or name there, by default the latest one; `name` is a new folder name for it. Raises
     BadInputError if there is no such session, or the name is in use.
     """
-    found = [
+    matches = [
         session for session in trashed_sessions(root) if not which or which in (session.id, session.name)
     ]
-    if not found:
+    if not matches:
         raise BadInputError(
             f"no session {which} in the trash of {root}" if which else f"the trash of {root} is empty",
             hint=f"capture-app sessions list --trash {root}",
         )
-    chosen = next((session for session in found if session.id == which), found[-1])
+    chosen = next((session for session in matches if session.id == which), matches[-1])
     entry = root / TRASH / chosen.id
     target = root / (check_name(name, "session") if name else Path(chosen.name).name)
     _move(entry / _SESSION, target, hint="restore it with --as NAME")

@@ -110,7 +110,7 @@ class SessionListing:
     def read(self) -> list[SessionCard]:
         """Return all current sessions, by name; a folder that does not exist has none."""
         before, self._known = self._known, {}
-        for folder, stamp in sorted(self._folders(), key=lambda one: one[0]):
+        for folder, stamp in sorted(self._folders(), key=lambda pair: pair[0]):
             known = before.get(folder)
             if known is None or stamp is None or known[0] != stamp:
                 known = stamp, read_card(Path(folder)) if stamp else _card_without_manifest(Path(folder))
@@ -177,7 +177,8 @@ def read_card(folder: Path) -> SessionCard:
         cameras=tuple(manifest.labels.values()),
         instants=instants,
         images=images,
-        size_bytes=sum(of.bytes for of in manifest.images) + sum(of.bytes for of in manifest.videos),
+        size_bytes=sum(record.bytes for record in manifest.images)
+        + sum(record.bytes for record in manifest.videos),
         missing=manifest.expected_images - images,
         loss=max(frames_lost(manifest).values(), default=0) / max(1, manifest.ordered_instants),
         absent=manifest.burst.absence,

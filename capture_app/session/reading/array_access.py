@@ -143,7 +143,7 @@ class InstantFrames:
     """Each camera's frame, in the session's order of cameras."""
 
     def __repr__(self) -> str:
-        there = f"{sum(not one.missing for one in self.frames.values())} of {len(self.frames)} frames"
+        there = f"{sum(not frame.missing for frame in self.frames.values())} of {len(self.frames)} frames"
         return f"<InstantFrames {self.number}: {self.leader_ns / 1e6:.3f} ms, {there}>"
 
     def bgr(self) -> Pixels:
@@ -214,7 +214,7 @@ class CameraFrames:
     _matrices: CameraMatrices | None
 
     def __repr__(self) -> str:
-        there = f"{sum(not one.missing for one in self.frames)} of {len(self.frames)} frames"
+        there = f"{sum(not frame.missing for frame in self.frames)} of {len(self.frames)} frames"
         return f"<CameraFrames {self.name}: {there}, {'' if self.is_calibrated else 'not '}calibrated>"
 
     @property
@@ -289,7 +289,10 @@ class OpenSession(Session):
             (
                 name,
                 CameraFrames(
-                    name, record, tuple(of.frames[name] for of in self.instants), self._matrices(record)
+                    name,
+                    record,
+                    tuple(instant.frames[name] for instant in self.instants),
+                    self._matrices(record),
                 ),
             )
             for name, record in self._cameras.items()

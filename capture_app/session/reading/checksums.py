@@ -31,7 +31,7 @@ def write_checksums(folder: Path, manifest: bytes) -> Path:
         if (folder / name).is_file():
             sums[name] = hashlib.sha256((folder / name).read_bytes()).hexdigest()
     path = folder / CHECKSUMS
-    write_atomic(path, "".join(f"{of}  {name}\n" for name, of in sums.items()).encode(), synced=False)
+    write_atomic(path, "".join(f"{digest}  {name}\n" for name, digest in sums.items()).encode(), synced=False)
     return path
 
 

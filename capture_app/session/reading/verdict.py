@@ -175,7 +175,10 @@ def frames_lost(manifest: Manifest) -> dict[str, int]:
     images, frames = Counter(image.camera for image in manifest.images), Counter[str]()
     for video in manifest.videos:
         frames[video.camera] += video.frames
-    cameras = [*(camera.name for camera in manifest.cameras), *(of.name for of in manifest.burst.absent)]
+    cameras = [
+        *(camera.name for camera in manifest.cameras),
+        *(absentee.name for absentee in manifest.burst.absent),
+    ]
     return {camera: manifest.ordered_instants - (images[camera] or frames[camera]) for camera in cameras}
 
 
@@ -223,7 +226,7 @@ def _why_nothing(manifest: Manifest) -> str:
     labels = manifest.labels
     for gap in manifest.missing:
         reasons.setdefault(gap.reason, []).append(labels[gap.camera])
-    absent = [f"{of.label or of.name}: {of.reason}" for of in manifest.burst.absent]
+    absent = [f"{absentee.label or absentee.name}: {absentee.reason}" for absentee in manifest.burst.absent]
     reasons_given = [f"{', '.join(dict.fromkeys(cameras))}: {reason}" for reason, cameras in reasons.items()]
     return "; ".join([*reasons_given, *absent])
 

@@ -268,7 +268,7 @@ class SessionWriter:
     def instants_of(self, camera: str) -> InstantSet:
         """Return the instants for which a camera's image is saved."""
         return InstantSet(
-            [*(n for of, n in self.images.records if of == camera), *self.videos.instants(camera)]
+            [*(n for name, n in self.images.records if name == camera), *self.videos.instants(camera)]
         )
 
     def add_event(self, *events: Mapping[str, Any]) -> None:
@@ -324,7 +324,7 @@ class SessionWriter:
                 software=self.software,
                 cameras=valid,
                 burst=burst,
-                images=tuple(sorted(images, key=lambda of: (of.instant, of.camera))),
+                images=tuple(sorted(images, key=lambda image: (image.instant, image.camera))),
                 missing=tuple(sorted(absent, key=lambda m: (m.instant, m.camera))),
                 note="; ".join(filter(None, (earlier_note(self.folder) or note, *reasons.values()))),
                 videos=self.videos.records(),

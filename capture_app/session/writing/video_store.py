@@ -118,8 +118,8 @@ class VideoStore:
         self._mutex = threading.Lock()
         self.knows_true_times = False
         """Whether any frame came with its true time."""
-        found = (held.path / VIDEOS).glob(f"*/*{FRAMES_SUFFIX}")
-        paths = {video_of(lines.name.removesuffix(FRAMES_SUFFIX)): lines for lines in found}
+        files = (held.path / VIDEOS).glob(f"*/*{FRAMES_SUFFIX}")
+        paths = {video_of(lines.name.removesuffix(FRAMES_SUFFIX)): lines for lines in files}
         for (camera, number), lines in sorted(paths.items()):
             self._recover(camera, number, lines)
 
@@ -135,9 +135,9 @@ class VideoStore:
     def frame(self, camera: str, instant: int) -> FrameRecord | None:
         """Return the record of a saved frame without its residual, or None."""
         with self._mutex:
-            if (found := self._find(camera, instant)) is None:
+            if (files := self._find(camera, instant)) is None:
                 return None
-            part, place = found
+            part, place = files
             record, start = part.record, part.starts[place]
         with (self._folder / frames_path(record.path)).open("rb") as file:
             file.seek(start)

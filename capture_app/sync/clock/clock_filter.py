@@ -339,12 +339,12 @@ def _bound_at(bound: Bound, local_ns: int) -> float:
     return bound[1] + MAX_SKEW * abs(local_ns - bound[0])
 
 
-def _can_both_be(one: ClockSample, other: ClockSample, max_skew: float) -> bool:
+def _can_both_be(sample: ClockSample, other: ClockSample, max_skew: float) -> bool:
     """Whether two samples are consistent with the same two clocks at rates up to `max_skew` apart."""
-    slack = max_skew * (max(one.t3_ns, other.t3_ns) - min(one.t0_ns, other.t0_ns)) + ROUNDING_NS
-    return one.lower_ns <= other.upper_ns + slack and other.lower_ns <= one.upper_ns + slack
+    slack = max_skew * (max(sample.t3_ns, other.t3_ns) - min(sample.t0_ns, other.t0_ns)) + ROUNDING_NS
+    return sample.lower_ns <= other.upper_ns + slack and other.lower_ns <= sample.upper_ns + slack
 
 
-def _tighter(one: Bound, other: Bound) -> Bound:
+def _tighter(bound: Bound, other: Bound) -> Bound:
     """Return the bound that is tighter at the later one's time and from then on."""
-    return one if one[1] - other[1] <= MAX_SKEW * (one[0] - other[0]) else other
+    return bound if bound[1] - other[1] <= MAX_SKEW * (bound[0] - other[0]) else other

@@ -116,7 +116,7 @@ class InjectionHistory:
 
     def scatter_ns(self, profile: InjectionProfile) -> float:
         """Return the standard deviation of shifts about a profile in ns; 0 before two moves were seen."""
-        if len(misses := [self.miss_rows(profile, *one) for one in self._seen if one[1]]) < 2:
+        if len(misses := [self.miss_rows(profile, *seen) for seen in self._seen if seen[1]]) < 2:
             return 0.0
         return (
             SIGMA_FROM_MAD
@@ -147,7 +147,7 @@ class InjectionHistory:
         if self.row_known and not penalty:
             neutral = float(round(neutral))
         profile = InjectionProfile(self.row_ns, gain, neutral)
-        misses = [self.miss_rows(profile, *one) for one in self._seen]
+        misses = [self.miss_rows(profile, *seen) for seen in self._seen]
         residual = penalty + sum(min(miss, MAX_RESIDUAL_ROWS) for miss in misses) / len(misses)
         overhead_ns = (self._period_rows - neutral) * self.row_ns
         residual += abs(overhead_ns - TYPICAL_OVERHEAD_NS) / OVERHEAD_SCALE_NS

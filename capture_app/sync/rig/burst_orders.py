@@ -163,7 +163,9 @@ class Orders:
         self._open(burst, now_ns, burst.step_ns, len(burst.instants_ns), again=True, run=run)
         if (open_burst := self._open_bursts.get((run, burst.number))) is not None:
             members = open_burst.members
-            for number in [number for number, of in members.items() if not of.report.state.is_aligned]:
+            for number in [
+                number for number, member in members.items() if not member.report.state.is_aligned
+            ]:
                 self._close((run, burst.number), open_burst, number)
 
     def cancel(self, burst: Burst, now_ns: int) -> None:

@@ -395,7 +395,7 @@ class Client(TimeClient, Generic[F]):
         else:
             # What an earlier run of the leader ordered may go on by that run's time.
             key = trigger.leader, trigger.burst
-            (next((of[0] for of in self._earlier if key in of[0]), self._bursts)).add(trigger)
+            (next((bursts[0] for bursts in self._earlier if key in bursts[0]), self._bursts)).add(trigger)
         self._outbox.append(TriggerAck(trigger.client, trigger.leader, trigger.burst, refusal))
 
     def _finish_bursts(self, now_ns: int) -> None:

@@ -185,8 +185,8 @@ class Leader:
                     self._receive_of_member(Heartbeat(number, report), address, now_ns, principal)
             case TriggerAck(others=others) if others:
                 for number in (message.client, *others):
-                    one = structs.replace(message, client=number, others=())
-                    self._receive_of_member(one, address, now_ns, principal)
+                    answer = structs.replace(message, client=number, others=())
+                    self._receive_of_member(answer, address, now_ns, principal)
             case _:
                 self._receive_of_member(message, address, now_ns, principal)
 

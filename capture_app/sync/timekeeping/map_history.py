@@ -76,7 +76,7 @@ class MapHistory:
         if is_changed and after_ns is None:
             # So soon the new line's slope is known to a factor of two: so is where it leaves the old one.
             begins_ns -= min(ends_ns - begins_ns, LOOK_BACK_NS)
-        error_ns, bound_ns = (min(round(max(of)), MAX_COUNT) for of in (errors, bounds))
+        error_ns, bound_ns = (min(round(max(values)), MAX_COUNT) for values in (errors, bounds))
         return TimesDoubted(begins_ns, ends_ns, error_ns, bound_ns, after_ns is not None)
 
 

@@ -132,8 +132,8 @@ class Relay:
             case UnknownMember() if message.client != self.member.time.number:
                 summary.note_unknown(message.client)
             case Trigger():
-                found = [summary.member(number) for number in (message.client, *message.others)]
-                self.leader.send_trigger((member for member in found if member is not None), message)
+                below = [summary.member(number) for number in (message.client, *message.others)]
+                self.leader.send_trigger((member for member in below if member is not None), message)
             case Notice() if member := summary.member(message.client):
                 self.leader.send(member, msgspec.structs.replace(message, client=member.number))
             case _:

@@ -127,14 +127,14 @@ def _camera(view: View) -> tuple[str, str]:
     return model, ",".join(map(str, numbers + distortion))
 
 
-def relative_pose_errors(found: Mapping[str, Pose], true: Mapping[str, Pose]) -> list[tuple[float, float]]:
+def relative_pose_errors(poses: Mapping[str, Pose], true: Mapping[str, Pose]) -> list[tuple[float, float]]:
     """Return the errors of relative rotation and direction for each pair of estimated cameras, degrees.
 
     The world's origin, rotation and scale do not matter.
     """
     errors = []
-    for a, b in combinations(sorted(found), 2):
-        rotation, axis = _relative(found[a], found[b])
+    for a, b in combinations(sorted(poses), 2):
+        rotation, axis = _relative(poses[a], poses[b])
         true_rotation, true_axis = _relative(true[a], true[b])
         cosine = np.clip((np.trace(rotation @ true_rotation.T) - 1) / 2, -1, 1)
         errors.append((float(np.degrees(np.arccos(cosine))), angle_deg(axis, true_axis)))

@@ -107,9 +107,9 @@ class BatchResult(Struct, frozen=True, kw_only=True):
     seconds: float
 
 
-def unit_row(unit: Unit, **found: Any) -> UnitRow:
+def unit_row(unit: Unit, **results: Any) -> UnitRow:
     """Return a unit's row with these values."""
-    return UnitRow(session=unit.name, instant=unit.instant, condition=unit.condition, **found)
+    return UnitRow(session=unit.name, instant=unit.instant, condition=unit.condition, **results)
 
 
 def completed_row(unit: Unit, root: Path) -> UnitRow:
@@ -243,9 +243,9 @@ def _html(root: Path, result: BatchResult) -> str:
     return render_page(view, [*sections, Section("figures.html")], __package__)
 
 
-def _unmade(found: BatchResult | Group) -> list[str]:
+def _unmade(made: BatchResult | Group) -> list[str]:
     """Return the numbers of units without a result in words; empty if there are none."""
-    numbers = {"failed": found.failed, "not applicable": found.not_applicable}
+    numbers = {"failed": made.failed, "not applicable": made.not_applicable}
     return [f"{number} {word}" for word, number in numbers.items() if number]
 
 
@@ -254,16 +254,16 @@ def _table(caption: str, counted: str, rows: list[report.Row]) -> report.Table:
     return report.Table(caption, list(map(report.Column, heads)), rows, first="Session and condition")
 
 
-def _row(one: UnitRow | Group, counted: str, *, note: str = "", link: str = "") -> report.Row:
-    error = one.median_error_pct
+def _row(row: UnitRow | Group, counted: str, *, note: str = "", link: str = "") -> report.Row:
+    error = row.median_error_pct
     words = (
-        *(wording.percentage(getattr(one, name)) for name in SHARES),
+        *(wording.percentage(getattr(row, name)) for name in SHARES),
         wording.NOT_AVAILABLE if error is None else f"{error:.2f}{wording.GAP}%",
-        wording.number(one.fused_points),
+        wording.number(row.fused_points),
     )
     return report.Row(
-        one.session,
+        row.session,
         [report.Cell(counted, note=note), *map(report.Cell, words)],
-        details=one.condition,
+        details=row.condition,
         link=link,
     )

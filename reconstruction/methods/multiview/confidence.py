@@ -127,18 +127,18 @@ class DepthSupport(NamedTuple):
 def measure_support(
     images: Mapping[str, CalibratedImage],
     sources: Mapping[str, Sequence[str]],
-    found: Mapping[str, ViewDepth],
+    depths: Mapping[str, ViewDepth],
 ) -> Iterator[tuple[str, DepthSupport]]:
     """Yield each camera with what supports its depth, from the surfaces of all cameras' `found` depth.
 
     `sources` are the cameras that each was matched with. COLMAP's maps, without a surface, are left out.
     """
-    surfaces = {name: view.surface for name, view in found.items() if view.surface is not None}
+    surfaces = {name: view.surface for name, view in depths.items() if view.surface is not None}
     for name, surface in surfaces.items():
         others = voting_views(name, sources, surfaces)
         voters = [(SourceView(images[name], images[other]), surfaces[other]) for other in others]
         evidence, worth_px, gain = _votes(surface, voters)
-        yield name, DepthSupport(evidence - _surroundings(found[name], surface), worth_px, len(images), gain)
+        yield name, DepthSupport(evidence - _surroundings(depths[name], surface), worth_px, len(images), gain)
 
 
 def _votes(surface: Surface, voters: Sequence[tuple[SourceView, Surface]]) -> tuple[Array, Array, Array]:

@@ -26,10 +26,10 @@ class InstantDepth(NamedTuple):
     cloud: FusedCloud
 
     @classmethod
-    def of(cls, found: InstantMaps) -> Self:
+    def of(cls, instant: InstantMaps) -> Self:
         """Return what the files of a result hold."""
-        maps = {c: ViewDepth(one.depth, one.normals.astype(np.float16)) for c, one in found.maps.items()}
-        return cls(maps, found.cloud)
+        maps = {c: ViewDepth(view.depth, view.normals.astype(np.float16)) for c, view in instant.maps.items()}
+        return cls(maps, instant.cloud)
 
 
 def confirm(
@@ -40,7 +40,7 @@ def confirm(
     The difference is in grey levels between the reference and the others, warped by its depth: the median,
     NaN = no depth, or none sees it.
     """
-    surfaces = {camera: _surface(found.depth) for camera, found in maps.items()}
+    surfaces = {camera: _surface(view.depth) for camera, view in maps.items()}
     own = surfaces[reference]
     others = [camera for camera in surfaces if camera != reference]
     source_views = [SourceView(images[reference], images[other]) for other in others]

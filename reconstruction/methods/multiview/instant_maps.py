@@ -61,7 +61,7 @@ class InstantMaps:
 
     def moment(self, min_evidence: float | None = None) -> Moment:
         """Return the cameras with their pictures and depth, without depth of less evidence than given."""
-        depth = {camera: found.depth for camera, found in self.maps.items()}
+        depth = {camera: view.depth for camera, view in self.maps.items()}
         if min_evidence is not None:
             calibrated = {camera: image.calibrated for camera, image in self.images.items()}
             for camera, support in measure_support(calibrated, self.sources, self.maps):

@@ -83,14 +83,14 @@ def match_cameras(
     return read_maps(workspace, images)
 
 
-def _inside(image: InputImage, found: ViewDepth) -> ViewDepth:
+def _inside(image: InputImage, depth: ViewDepth) -> ViewDepth:
     """Return a map without what was matched outside the original image, in black."""
     if not (outside := image.outside).any():
-        return found
+        return depth
     return replace(
-        found,
-        depth=np.where(outside, 0, found.depth),
-        normals=np.where(outside[..., None], 0, found.normals),
+        depth,
+        depth=np.where(outside, 0, depth.depth),
+        normals=np.where(outside[..., None], 0, depth.normals),
     )
 
 

@@ -183,8 +183,8 @@ def voting_views(
 ) -> list[str]:
     """Return the other views that vote on a view's depth: those nearest by source links, `MAX_VOTERS`."""
     order = [name]
-    for one in order:
-        order += [other for other in sources[one] if other in surfaces and other not in order]
+    for view in order:
+        order += [other for other in sources[view] if other in surfaces and other not in order]
     return order[1 : 1 + MAX_VOTERS]
 
 

@@ -89,13 +89,13 @@ class PanoramaStudy(Score):
             {first: self.dataset.image(first, now), second: self.dataset.image(second, shown)}
         )
 
-    def _measure(self, one: RegisteredInstant, later: int) -> Measurements:
+    def _measure(self, instant: RegisteredInstant, later: int) -> Measurements:
         """Measure misalignment where both cameras' images overlap, without a seam.
 
         It is measured on movers and on the control: pixels that are still at both the instant and `later`.
         """
         first, second = self.cameras
-        now, shown = one.shown[first], one.shown[second]
+        now, shown = instant.shown[first], instant.shown[second]
         a, b = self._layers(now, shown).values()
         overlap = overlap_of(a, b)
         assert overlap is not None

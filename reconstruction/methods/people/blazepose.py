@@ -80,8 +80,8 @@ class _Model:
         """Return the outputs for an image, side x side x 3, RGB, by their number of values."""
         self._runs.set_tensor(self._runs.get_input_details()[0]["index"], image[None].astype(np.float32))
         self._runs.invoke()
-        found = (self._runs.get_tensor(output["index"])[0] for output in self._runs.get_output_details())
-        return {output.size: output for output in found}
+        outputs = (self._runs.get_tensor(output["index"])[0] for output in self._runs.get_output_details())
+        return {output.size: output for output in outputs}
 
 
 class BlazePose:
@@ -112,8 +112,8 @@ class BlazePose:
             if presence > MIN_PRESENCE and not any(map(followed.is_near, self._followed)):
                 self._followed.append(followed)
                 people.append(landmarks[:CENTRE])
-        found = np.array(people).reshape(-1, CENTRE, 3)
-        return found[..., :2], found[..., 2]
+        boxes = np.array(people).reshape(-1, CENTRE, 3)
+        return boxes[..., :2], boxes[..., 2]
 
     def _search(self, image: Array, left: int, top: int, width: int, height: int) -> list[Crop]:
         """Return crops around the people in a part of an image, most certain first, each several times."""

@@ -53,10 +53,10 @@ def find_weights(model: str) -> tuple[bytes, bytes]:
 
 
 def _checked(name: str, model: str) -> bytes:
-    found = [folder / name for folder in folders() if (folder / name).is_file()]
-    data = found[0].read_bytes() if found else b""
+    files = [folder / name for folder in folders() if (folder / name).is_file()]
+    data = files[0].read_bytes() if files else b""
     if hashlib.sha256(data).hexdigest() != DIGESTS[name]:
-        what = f"{found[0]} is damaged: its digest is not the published file's" if found else ""
+        what = f"{files[0]} is damaged: its digest is not the published file's" if files else ""
         raise NotAvailableError(
             what or f"BlazePose's {name} is not on this machine",
             hint=f"fetch it once, then it works offline: {sys.executable} -m {__spec__.name} {model}",

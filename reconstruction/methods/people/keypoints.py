@@ -86,13 +86,13 @@ def detect_people(
 
     def follow(camera: str) -> CameraJoints:
         detect = detectors[camera].detect
-        found = {
+        joints = {
             k: FrameJoints(*detect(dataset.image(camera, k), dataset.record(camera, k).leader_ns / 1e9))
             for k in dataset.instants(camera)
         }
-        progress.step(f"people in {len(found)} frames of {camera}")
-        return found
+        progress.step(f"people in {len(joints)} frames of {camera}")
+        return joints
 
     with ThreadPoolExecutor(len(system.usable_cores())) as pool:
-        found = dict(zip(cameras, pool.map(follow, cameras), strict=True))
-    return Keypoints(kind.skeleton, found, f"{name} ({model})" if model else name)
+        followed = dict(zip(cameras, pool.map(follow, cameras), strict=True))
+    return Keypoints(kind.skeleton, followed, f"{name} ({model})" if model else name)

@@ -57,7 +57,7 @@ def write_formats(
     Return a sentence for each format that is left out, as a package is missing.
     """
     left_out = list[str]()
-    low = [smoothed(one, rate_of(times_s), smooth_hz) for one in people] if smooth_hz else []
+    low = [smoothed(person, rate_of(times_s), smooth_hz) for person in people] if smooth_hz else []
     for name, writer in load_writers().items():
         try:
             writer.require()

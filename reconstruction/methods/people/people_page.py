@@ -17,11 +17,13 @@ MAX_TIMES = 2000
 
 
 def write_people_page(
-    page: Path, name: str, found: PeopleInTime, views: Mapping[str, View], still: Array
+    page: Path, name: str, people: PeopleInTime, views: Mapping[str, View], still: Array
 ) -> None:
     """Write the page as a file; `still` is the picture for browsers without 3D."""
-    shown = np.unique(np.linspace(0, len(found.times_s) - 1, min(len(found.times_s), MAX_TIMES)).astype(int))
-    points = np.concatenate([person.positions[np.isfinite(person.error)] for person in found.people])
+    shown = np.unique(
+        np.linspace(0, len(people.times_s) - 1, min(len(people.times_s), MAX_TIMES)).astype(int)
+    )
+    points = np.concatenate([person.positions[np.isfinite(person.error)] for person in people.people])
     frame = frame_of(views, np.median(points, axis=0))
     away = np.concatenate([np.linalg.norm(points - view.centre, axis=1) for view in views.values()])
     instants = [
@@ -32,12 +34,12 @@ def write_people_page(
                     None if np.isnan(error) else [*np.round(place, 5).tolist(), round(error, 5)]
                     for place, error in zip(person.positions[time], person.error[time].tolist(), strict=True)
                 ]
-                for person in found.people
+                for person in people.people
             ],
         }
         for time in shown.tolist()
     ]
-    step_s = float(np.diff(found.times_s[shown]).mean()) if len(shown) > 1 else 1.0
+    step_s = float(np.diff(people.times_s[shown]).mean()) if len(shown) > 1 else 1.0
     write_walk_page(
         page,
         name,
@@ -51,7 +53,7 @@ def write_people_page(
             instants,
             {
                 "held": HELD,
-                "bones": found.skeleton.bones,
+                "bones": people.skeleton.bones,
             },
         ),
     )

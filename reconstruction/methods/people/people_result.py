@@ -129,11 +129,11 @@ def save_people(scene: Scene, condition: Condition, folder: Path, method: People
     scene.dataset.require_cameras(2, "a joint in 3D needs two cameras that see it")
     method.progress.total = (method.keypoints is None) * len(scene.views) + 1 + method.film
     finder, keypoints = find_people(scene, method)
-    found = people_at(scene, finder, condition, method)
-    method.progress.step(f"{count(len(found.people), 'individual')} at {len(found.times_s)} times")
+    people = people_at(scene, finder, condition, method)
+    method.progress.step(f"{count(len(people.people), 'individual')} at {len(people.times_s)} times")
     rotation = up_axes(scene, method.up)
-    bias_source = detector_bias(found.skeleton)[1]
-    formats_left_out = _write(folder, scene, found, rotation, method, bias_is_known=bool(bias_source))
+    bias_source = detector_bias(people.skeleton)[1]
+    formats_left_out = _write(folder, scene, people, rotation, method, bias_is_known=bool(bias_source))
     left_out = _left_out(finder)
     return PeopleResult(
         session=scene.dataset.name,
@@ -142,13 +142,13 @@ def save_people(scene: Scene, condition: Condition, folder: Path, method: People
         unit=scene.unit,
         axes=describe_axes(rotation),
         cameras=tuple(name for name in finder.names if name not in left_out),
-        joints=found.skeleton.joints,
-        times=len(found.times_s),
-        rate_hz=round(rate_of(found.times_s), 4),
-        noise_px=round(found.noise_px, 3),
-        moved_ms=round(found.moved_ms, 4),
-        moved_px=round(found.moved_px, 3),
-        people=tuple(_summary(k, person, found.times_s) for k, person in enumerate(found.people, 1)),
+        joints=people.skeleton.joints,
+        times=len(people.times_s),
+        rate_hz=round(rate_of(people.times_s), 4),
+        noise_px=round(people.noise_px, 3),
+        moved_ms=round(people.moved_ms, 4),
+        moved_px=round(people.moved_px, 3),
+        people=tuple(_summary(k, person, people.times_s) for k, person in enumerate(people.people, 1)),
         bias_source=bias_source,
         left_out=left_out,
         remarks=(*_remarks(finder), *formats_left_out),
@@ -158,23 +158,23 @@ def save_people(scene: Scene, condition: Condition, folder: Path, method: People
 def _write(
     folder: Path,
     scene: Scene,
-    found: PeopleInTime,
+    people: PeopleInTime,
     rotation: Array,
     options: PeopleOptions,
     *,
     bias_is_known: bool,
 ) -> list[str]:
     """Write all files; return what was left out, in sentences."""
-    times_s = found.times_s
-    write_table(folder / TABLE, times_s, found.skeleton, found.people, bias_is_known=bias_is_known)
-    upright = [person.positions @ rotation.T for person in found.people]
-    left_out = write_formats(folder, times_s, found.skeleton, upright, scene.unit, options.smooth)
-    write_plots(folder / PLOTS, found, rotation[1], scene.unit)
-    still = write_pictures(folder / PICTURES, scene.dataset, scene.views, found)
-    write_people_page(folder / PAGE, scene.dataset.name, found, scene.views, still)
+    times_s = people.times_s
+    write_table(folder / TABLE, times_s, people.skeleton, people.people, bias_is_known=bias_is_known)
+    upright = [person.positions @ rotation.T for person in people.people]
+    left_out = write_formats(folder, times_s, people.skeleton, upright, scene.unit, options.smooth)
+    write_plots(folder / PLOTS, people, rotation[1], scene.unit)
+    still = write_pictures(folder / PICTURES, scene.dataset, scene.views, people)
+    write_people_page(folder / PAGE, scene.dataset.name, people, scene.views, still)
     if options.film:
         options.progress.step("films")
-        write_films(folder / FILMS, scene.dataset, scene.views, found)
+        write_films(folder / FILMS, scene.dataset, scene.views, people)
     return left_out
 
 
@@ -195,7 +195,11 @@ def _summary(number: int, person: Person, times_s: Array) -> PersonResult:
 def _remarks(finder: PeopleFinder) -> tuple[str, ...]:
     alone = f"left out, as no second camera confirms them: {count(finder.alone, 'detection')}"
     unknown = "the errors are of precision alone: the bias of this detector was never measured"
-    remarks = (alone, finder.alone), *((one, 1) for one in finder.remarks), (unknown, not finder.bias.any())
+    remarks = (
+        (alone, finder.alone),
+        *((remark, 1) for remark in finder.remarks),
+        (unknown, not finder.bias.any()),
+    )
     return tuple(remark for remark, applies in remarks if applies)
 
 

@@ -82,7 +82,8 @@ def people_at(
         nearest = np.abs(instants_s[:, None] - times_s).argmin(axis=0)
         shown = [instants_shown(dataset, condition, int(k)) for k in nearest]
         late_s = {
-            name: instants_s[[one[name] for one in shown]] - instants_s[nearest] for name in finder.names
+            name: instants_s[[instants[name] for instants in shown]] - instants_s[nearest]
+            for name in finder.names
         }
     found = finder.at(times_s, late_s, nearest=method.nearest)
     if not found.people:

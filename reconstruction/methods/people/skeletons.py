@@ -18,8 +18,10 @@ class Skeleton(NamedTuple):
 
 
 SKELETONS = {
-    name: Skeleton.of(**one)
-    for name, one in tomllib.loads(files(__package__).joinpath("skeletons.toml").read_text("utf-8")).items()
+    name: Skeleton.of(**skeleton)
+    for name, skeleton in tomllib.loads(
+        files(__package__).joinpath("skeletons.toml").read_text("utf-8")
+    ).items()
 }
 """The skeletons of `skeletons.toml` by name."""
 

@@ -63,7 +63,7 @@ class Gaussians:
 
     def chosen(self, where: Array) -> "Gaussians":
         """Return those at indices, or where a mask is true."""
-        return Gaussians(**{name: np.ascontiguousarray(one[where]) for name, one in vars(self).items()})
+        return Gaussians(**{name: np.ascontiguousarray(values[where]) for name, values in vars(self).items()})
 
     @property
     def rotations(self) -> Array:
@@ -273,7 +273,7 @@ def write_splats(path: Path, gaussians: Gaussians) -> None:
         ("scale_0", "scale_1", "scale_2"): np.log(gaussians.sizes),
         ("rot_0", "rot_1", "rot_2", "rot_3"): quaternions(axes),
     }
-    rows = np.concatenate([floats(one) for one in columns.values()], axis=1).astype("<f4")
+    rows = np.concatenate([floats(column) for column in columns.values()], axis=1).astype("<f4")
     properties = "".join(f"property float {name}\n" for group in columns for name in group)
     head = f"ply\nformat binary_little_endian 1.0\nelement vertex {len(rows)}\n{properties}end_header\n"
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -338,7 +338,7 @@ def quaternions(rotations: Array) -> Array:
         ]
     )
     largest = np.diagonal(products).argmax(axis=1)
-    found = products[largest, :, np.arange(len(rotations))]
+    columns = products[largest, :, np.arange(len(rotations))]
     return np.asarray(
-        np.where(found[:, :1] < 0, -1, 1) * found / np.linalg.norm(found, axis=1, keepdims=True)
+        np.where(columns[:, :1] < 0, -1, 1) * columns / np.linalg.norm(columns, axis=1, keepdims=True)
     )

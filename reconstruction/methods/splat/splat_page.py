@@ -140,8 +140,8 @@ def _places(integers: Array) -> Array:
 def _stay(rows: Array, integers: Array) -> Array:
     """Return which Gaussians (bool) are at the same place at another instant, with about the same colour."""
     order = np.argsort(_places(integers), kind="stable")
-    found = np.searchsorted(_places(integers), _places(rows), sorter=order).clip(max=len(order) - 1)
-    others = integers[order[found]]
+    places = np.searchsorted(_places(integers), _places(rows), sorter=order).clip(max=len(order) - 1)
+    others = integers[order[places]]
     apart = np.abs(others[:, COLOURS] - rows[:, COLOURS]) << [GREEN_SHIFT, CHROMA_SHIFT, CHROMA_SHIFT]
     return np.asarray((_places(others) == _places(rows)) & (apart <= SAME_COLOUR).all(axis=1))
 

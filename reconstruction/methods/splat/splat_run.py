@@ -72,11 +72,11 @@ class MadeSplat(Made[SplatResult]):
 
     def gaussians(self, instant: int | None = None) -> Gaussians:
         """Return the Gaussians of an instant; None = the first. Raises BadInputError if it has no splat."""
-        found = {moment.instant: moment.file for moment in self.result.instants}
+        files = {moment.instant: moment.file for moment in self.result.instants}
         wanted = self.result.instants[0].instant if instant is None else instant
-        if wanted not in found:
-            raise BadInputError(f"instant {wanted} has no splat", hint=f"there are {sorted(found)}")
-        return read_splats(self.folder / found[wanted])
+        if wanted not in files:
+            raise BadInputError(f"instant {wanted} has no splat", hint=f"there are {sorted(files)}")
+        return read_splats(self.folder / files[wanted])
 
     def render(self, camera: CameraCalibration, instant: int | None = None) -> Array:
         """Return what a camera would see of a splat, uint8 height x width x 3, BGR, without distortion."""

@@ -242,25 +242,25 @@ def compute_stereo(
     )
 
 
-def _save_result(scene: Scene, found: PairInstant, folder: Path) -> StereoDepth:
-    assert found.filled is not None
-    depth, filled = found.filled.depth, found.filled.filled
-    known, reference, instant = depth[depth > 0], found.cameras[0], found.instant
+def _save_result(scene: Scene, pair: PairInstant, folder: Path) -> StereoDepth:
+    assert pair.filled is not None
+    depth, filled = pair.filled.depth, pair.filled.filled
+    known, reference, instant = depth[depth > 0], pair.cameras[0], pair.instant
     picture = side_by_side(
         scene.dataset.image(reference, instant), colour_depth(depth, *display_range(depth))
     )
-    maps = {DEPTH: depth, FILLED: filled, CHECKED: found.checked.depth, DIFFERENCE: found.checked.difference}
+    maps = {DEPTH: depth, FILLED: filled, CHECKED: pair.checked.depth, DIFFERENCE: pair.checked.difference}
     for name, values in maps.items():
         write_image(folder / name, values.astype(np.float32))
     truth = scene.dataset.ground_truth(reference, instant)
     judged = truth[0] if truth is not None and scene.unit == "m" else None
-    confidence = np.round(255 * found.filled.confidence).astype(np.uint8)
+    confidence = np.round(255 * pair.filled.confidence).astype(np.uint8)
     return StereoDepth(
         session=str(scene.dataset.session.folder),
         reference=reference,
-        other=found.cameras[1],
+        other=pair.cameras[1],
         instant=instant,
-        other_instant=found.other_instant,
+        other_instant=pair.other_instant,
         depth=DEPTH,
         depth_filled=FILLED,
         depth_checked=CHECKED,
@@ -275,5 +275,5 @@ def _save_result(scene: Scene, found: PairInstant, folder: Path) -> StereoDepth:
         filled_within_2pct=None if judged is None else fraction_right(filled, judged),
         calibration=scene.source,
         lenses=scene.lenses,
-        turn_error=turn_error(scene.views[reference], scene.views[found.cameras[1]], depth),
+        turn_error=turn_error(scene.views[reference], scene.views[pair.cameras[1]], depth),
     )

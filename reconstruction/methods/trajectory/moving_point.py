@@ -23,7 +23,7 @@ def find_moving_points(images: Iterable[Array], background: Array, frames: int) 
     if nothing moves, if the region touches the edge of the image, or if something stays in the region for so
     long that the background may show it.
     """
-    found, covered = [], np.zeros(background.shape, int)
+    points, covered = [], np.zeros(background.shape, int)
     for image in images:
         moving = detect_moving(image, (), background)
         covered += moving
@@ -32,11 +32,11 @@ def find_moving_points(images: Iterable[Array], background: Array, frames: int) 
         corner = [side.start for side in box[::-1]]
         ys, xs = np.nonzero(region)
         weights = contrast[ys, xs] / max(float(contrast.sum()), 1.0)
-        found.append((corner + np.array([weights @ xs, weights @ ys]), box, np.packbits(region)))
+        points.append((corner + np.array([weights @ xs, weights @ ys]), box, np.packbits(region)))
     stays = covered > MAX_STAY * frames
     return [
         middle if bits.any() and not (np.packbits(stays[box]) & bits).any() else None
-        for middle, box, bits in found
+        for middle, box, bits in points
     ]
 
 

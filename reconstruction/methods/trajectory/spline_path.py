@@ -31,9 +31,9 @@ class Rays:
     projections: Array
     pixels: Array
 
-    def choose(self, of: Array) -> "Rays":
+    def choose(self, chosen: Array) -> "Rays":
         """Return some of the rays, by a mask or by indices."""
-        return Rays(self.times_s[of], self.projections[of], self.pixels[of])
+        return Rays(self.times_s[chosen], self.projections[chosen], self.pixels[chosen])
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,10 +100,10 @@ def fit_path(rays: Rays, begin_s: float, end_s: float, knot_s: float) -> SplineP
     control: Array = np.zeros(0)
     normal: Array = np.zeros(0)
     for _ in range(ROUNDS):
-        of = np.sqrt(weight) / depth
-        rows = (left * of[:, None, None]).reshape(2 * len(values), -1)
+        weights = np.sqrt(weight) / depth
+        rows = (left * weights[:, None, None]).reshape(2 * len(values), -1)
         normal = rows.T @ rows + (WEAK * scale / float(np.median(depth))) ** 2 * bends
-        control = np.linalg.solve(normal, rows.T @ (right * of[:, None]).ravel()).reshape(-1, 3)
+        control = np.linalg.solve(normal, rows.T @ (right * weights[:, None]).ravel()).reshape(-1, 3)
         points = np.column_stack([values @ control, np.ones(len(values))])
         seen = np.einsum("nij,nj->ni", rays.projections, points)
         depth = np.maximum(seen[:, 2], 0.05 * max(float(np.median(seen[:, 2])), 1e-9))

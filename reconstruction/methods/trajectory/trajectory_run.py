@@ -119,9 +119,9 @@ def follow(
     )
     lines = ["time_s,x,y,z,uncertainty"]
     lines += [
-        f"{(one.leader_ns - points[0].leader_ns) / 1e9:.9f},"
-        + ",".join(f"{value:.6g}" for value in (*one.position, one.uncertainty))
-        for one in points
+        f"{(point.leader_ns - points[0].leader_ns) / 1e9:.9f},"
+        + ",".join(f"{value:.6g}" for value in (*point.position, point.uncertainty))
+        for point in points
     ]
     write_atomic(folder / TABLE, ("\n".join(lines) + "\n").encode())
     kept = path.residuals_px(rays.choose(~odd))

@@ -102,10 +102,10 @@ def render_views(scene: Scene, condition: Condition, folder: Path, options: View
         subject = find_subject(one.moment) if subject is None else subject
         moment = add_backdrop(one.moment)
         for step, delay_ns in enumerate(order_ns):
-            if part := {camera: of for camera, of in moment.items() if steps_ns[camera] == delay_ns}:
+            if part := {camera: seen for camera, seen in moment.items() if steps_ns[camera] == delay_ns}:
                 seen.append(one.instant * len(order_ns) + step)
                 save_moment(folder / MAPS / f"{seen[-1]:06d}", part, unit)
-        views = views or {camera: of.view for camera, of in one.moment.items()}
+        views = views or {camera: seen.view for camera, seen in one.moment.items()}
         left_out |= one.left_out
     if subject is None:
         raise NotApplicableError("no instant has depth", hint="reconstruct multiview says why")

@@ -105,7 +105,7 @@ def adjust_bundle(
         for name, view in views.items()
         if own_seen[name]
     }
-    apart_px = float(np.sqrt(np.mean([one.rms_px**2 for one in alone.values()])))
+    apart_px = float(np.sqrt(np.mean([lens.rms_px**2 for lens in alone.values()])))
     if together.rms_px < CONTRADICTION * max(apart_px, MIN_NOISE_PX):
         return together
     lenses = {

@@ -106,7 +106,9 @@ def calibrate_lens(
         if _signed_ranks(plain_squares - squares) < CLEARLY_BETTER:
             return plain
         corners = sum(map(len, pixels))
-        fisheye_px, plain_px = (float(np.sqrt(of.sum() / 2 / corners)) for of in (squares, plain_squares))
+        fisheye_px, plain_px = (
+            float(np.sqrt(errors.sum() / 2 / corners)) for errors in (squares, plain_squares)
+        )
         talk(
             f"{name} has a fisheye: the corners fit that model within {fisheye_px:.2f} px, and a perspective "
             f"lens within {plain_px:.2f} px"
@@ -211,7 +213,7 @@ def shared_corners(corners: BoardCorners) -> dict[tuple[str, str], tuple[Array, 
         for a, b in combinations(sorted(seen), 2):
             both = sorted(seen[a].keys() & seen[b].keys())
             shared.setdefault((a, b), []).extend((seen[a][i], seen[b][i]) for i in both)
-    pixels = {pair: np.stack(found, axis=1) for pair, found in shared.items() if found}
+    pixels = {pair: np.stack(corners, axis=1) for pair, corners in shared.items() if corners}
     return {pair: (at_a, at_b) for pair, (at_a, at_b) in pixels.items()}
 
 
@@ -263,7 +265,7 @@ def calibrate_from_board(
     kind = "checkerboard" if isinstance(board, Checkerboard) else "ChArUco board"
     own = f", lenses of {', '.join(known)} from recordings of their own" if known else ""
     percent = [errors.focal_percent for name, errors in bundle.errors.items() if name not in known]
-    sure = lens_knowledge([one / 100 for one in percent]) if percent else LensKnowledge()
+    sure = lens_knowledge([value / 100 for value in percent]) if percent else LensKnowledge()
     cameras = {
         name: replace(view, seen_deg=_seen_deg(view, [at for who, at in corners.items() if who[0] == name]))
         for name, view in bundle.views.items()

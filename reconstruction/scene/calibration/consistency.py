@@ -262,7 +262,7 @@ def judge_focal_lengths(
     error = 2 * math.sqrt(float((scores**2).sum()) + noise * information) / information
     is_sure, is_other = error <= MAX_BELIEVED, abs(shift) > error + GIVEN_ERROR
     fits_px, misses_px = (float(np.median(np.abs(px))) for px in (residuals, given))
-    given_px, found_px = (views[names[0]].focal * math.exp(of) for of in (0.0, shift))
+    given_px, found_px = (views[names[0]].focal * math.exp(change) for change in (0.0, shift))
     text = (
         f"the calibration gives {names[0]} a focal length of {given_px:.0f} px, and points at rest say "
         f"{found_px:.0f} ± {max(1.0, found_px * error):.0f} px"
@@ -497,7 +497,7 @@ def find_mixups(views: Views, features: Mapping[str, Features]) -> list[tuple[st
             for a, b in combinations(names if len(names) <= MAX_SUSPECTS else (), 2)
         ]
         tried = [(_odd(now | changed, groups, limit), changed, fault) for changed, fault in changes]
-        fewest, changed, fault = min(tried, key=lambda one: len(one[0]))
+        fewest, changed, fault = min(tried, key=lambda trial: len(trial[0]))
         if len(fewest) >= len(left):
             break
         left = fewest

@@ -114,7 +114,11 @@ def find_calibration(modes: Mapping[str, CameraMode]) -> StoredCalibration | Non
         for path in sorted(shelf().glob("*.json"))
         if (entry := _read(path)) is not None
     ]
-    fitting, stored = max(known, key=lambda one: (one[0], one[1].created, one[1].session), default=(0, None))
+    fitting, stored = max(
+        known,
+        key=lambda candidate: (candidate[0], candidate[1].created, candidate[1].session),
+        default=(0, None),
+    )
     if stored is None or fitting < max(2, (len(modes) + 1) // 2):
         return None
     return msgspec.structs.replace(stored, calibration=_in_same_mode(stored.calibration, stored.modes, modes))

@@ -186,7 +186,7 @@ def _fit_shared(
 
 
 def _fit_alone(views: Mapping[str, View], board: Board, seen: Mapping[str, Corners]) -> World | None:
-    name = max((name for name in seen if name in views), key=lambda one: len(seen[one]), default="")
+    name = max((name for name in seen if name in views), key=lambda name: len(seen[name]), default="")
     if not name or len(seen[name]) < MIN_CORNERS:
         return None
     numbers = sorted(seen[name])

@@ -187,8 +187,8 @@ class AravisDevice:
         # A longer exposure than a period would delay frames.
         period_us = self.facts.period_ns / 1000
         return tuple(
-            replace(one, maximum=one.clamped(period_us)) if one.control is Control.EXPOSURE else one
-            for one in states
+            replace(state, maximum=state.clamped(period_us)) if state.control is Control.EXPOSURE else state
+            for state in states
         )
 
     def set_control(self, control: Control, value: float | None) -> None:

@@ -129,7 +129,7 @@ class SessionRecording(Recording):
         ]
         # Drop frames far outside the instants: their number varies by camera, the loop length must not.
         in_loop = [frame for frame in placed if -period_ns <= 2 * frame[0] < 2 * lasts_ns + period_ns]
-        in_loop.sort(key=lambda one: one[0])
+        in_loop.sort(key=lambda frame: frame[0])
         if not in_loop:
             raise BadInputError(
                 f"{camera.name} has no picture in {session.folder}",

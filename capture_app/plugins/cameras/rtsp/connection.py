@@ -358,8 +358,8 @@ def answer_challenge(challenge: str, method: str, url: str, user: str, password:
     """
     if challenge.lower().startswith("basic"):
         return "Basic " + base64.b64encode(f"{user}:{password}".encode()).decode()
-    found = re.findall(r'(\w+)\s*=\s*(?:"([^"]*)"|([^\s,]+))', challenge)
-    fields = {key.lower(): quoted or plain for key, quoted, plain in found}
+    pairs = re.findall(r'(\w+)\s*=\s*(?:"([^"]*)"|([^\s,]+))', challenge)
+    fields = {key.lower(): quoted or plain for key, quoted, plain in pairs}
     algorithm = fields.get("algorithm", "MD5")
     name = {"MD5": "md5", "SHA-256": "sha256"}.get(algorithm.upper())
     if name is None:

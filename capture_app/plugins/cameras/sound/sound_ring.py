@@ -72,8 +72,8 @@ class SoundRing:
                 if arrival_ns - self._late[0].arrival_ns > LOST_AFTER_NS or len(self._late) > MAX_LATE:
                     self._insert_gap()
                 return
-            for one in self._late:
-                self._write(one.pcm)
+            for piece in self._late:
+                self._write(piece.pcm)
             self._late.clear()
             self._write(pcm)
             self._clock.add_arrival(self._counter_ns(self._end), arrival_ns)
@@ -92,12 +92,12 @@ class SoundRing:
             self.begin_stream()
             return
         first = next(n for n, ns in enumerate(late_ns) if n > before and ns <= gap_ns + SAME_NS)
-        for n, one in enumerate(late):
+        for n, piece in enumerate(late):
             if n == first:
                 self._write(bytes(2 * (gap_ns * self._rate_hz // 1_000_000_000)))
-            self._write(one.pcm)
+            self._write(piece.pcm)
             if n >= first:
-                self._clock.add_arrival(self._counter_ns(self._end), one.arrival_ns)
+                self._clock.add_arrival(self._counter_ns(self._end), piece.arrival_ns)
 
     def _write(self, pcm: bytes) -> None:
         samples = np.frombuffer(pcm, "<i2")

@@ -127,9 +127,9 @@ def configure(device: VideoDevice, request: CameraRequest) -> tuple[PixelFormat,
     return taken, actual or period
 
 
-def same_period(one: Fraction, other: Fraction) -> bool:
+def same_period(period: Fraction, other: Fraction) -> bool:
     """Return whether two frame periods are one mode to a user: they differ by less than 1 %."""
-    return abs(one - other) < _RATE_TOLERANCE * other
+    return abs(period - other) < _RATE_TOLERANCE * other
 
 
 def no_such_mode(path: str, request: CameraRequest, offered: tuple[Mode, ...]) -> CameraError:

@@ -263,16 +263,16 @@ def number_of(device: str, names: Mapping[int, str]) -> int:
     Raises CameraError if there is none, or more than one.
     """
     asked, known = device.casefold(), {number: name.casefold() for number, name in names.items()}
-    found = [number for number, name in known.items() if name == asked] or [
+    numbers = [number for number, name in known.items() if name == asked] or [
         number for number, name in known.items() if asked in name
     ]
-    if len(found) != 1:
-        listed = " or ".join(f"{KIND}:{number} ({names[number]})" for number in found or names)
+    if len(numbers) != 1:
+        listed = " or ".join(f"{KIND}:{number} ({names[number]})" for number in numbers or names)
         raise CameraError(
-            f"{len(found)} webcams are called {device!r}" if found else f"no webcam is called {device!r}",
+            f"{len(numbers)} webcams are called {device!r}" if numbers else f"no webcam is called {device!r}",
             hint=f"write {listed or f'{KIND}:0: this machine tells no names'}",
         )
-    return found[0]
+    return numbers[0]
 
 
 def list_cameras() -> list[CameraListing]:

@@ -61,11 +61,11 @@ def read_calibration(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) 
         within(max(line.count(".") for line in text.split("\n")), MAX_DOTS, "dots in a line")
         content = tomllib.loads(text)
     tables = content["cameras"] if isinstance(content.get("cameras"), dict) else content
-    found = {key: table for key, table in tables.items() if isinstance(table, dict) and "matrix" in table}
-    if not found:
+    own = {key: table for key, table in tables.items() if isinstance(table, dict) and "matrix" in table}
+    if not own:
         raise BadInputError(f"{path} has no camera with a matrix", hint="give Caliscope's camera_array.toml")
     views = {}
-    for key, table in found.items():
+    for key, table in own.items():
         label = str(table.get("name", table.get("cam_id", table.get("port", key))))
         where = f"{path}: camera {label}"
         if "rotation" not in table and "translation" not in table:

@@ -90,7 +90,10 @@ def _write_model(
     reference = lenses[burst.cameras[0]]
     poses = {name: _pose(rotation_of(lens), translation_of(lens)) for name, lens in lenses.items()}
     models = ((number, lenses[name], *_model(lenses[name])) for name, number in numbers.items())
-    cameras = [f"{n} {model} {lens.width} {lens.height} {_numbers(of)}" for n, lens, model, of in models]
+    cameras = [
+        f"{n} {model} {lens.width} {lens.height} {_numbers(parameters)}"
+        for n, lens, model, parameters in models
+    ]
     sensors = [
         f"CAMERA {numbers[name]} 1 {_pose(*_from_reference(reference, lenses[name]))}"
         for name in burst.cameras[1:]
@@ -101,7 +104,8 @@ def _write_model(
         for instant in sorted({instant for _, instant in ids})
     }
     frames = [
-        f"{instant + 1} 1 {poses[burst.cameras[0]]} {len(of)} {' '.join(of)}" for instant, of in data.items()
+        f"{instant + 1} 1 {poses[burst.cameras[0]]} {len(images)} {' '.join(images)}"
+        for instant, images in data.items()
     ]
     points, seen = [], dict.fromkeys(numbers, "")
     if cloud is not None:

@@ -52,7 +52,7 @@ def read_calibration(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) 
         )
     content = read_storage(folder / EXTRINSICS) | read_storage(folder / INTRINSICS)
     listed = content["names"] if isinstance(content.get("names"), list) else ()
-    labels = [f"{one:g}" if isinstance(one, int | float) else str(one) for one in listed]
+    labels = [f"{label:g}" if isinstance(label, int | float) else str(label) for label in listed]
     labels = [label for label in labels if label not in ("", "none")]
     if not labels:
         raise BadInputError(
@@ -65,7 +65,7 @@ def read_calibration(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) 
 def _view(folder: Path, name: str, content: dict[str, Any]) -> View:
     where = f"{folder}: camera {name}"
     given = (content.get(f"{key}_{name}") for key in ("dist", "D"))
-    distortion = next((one.ravel() for one in given if isinstance(one, np.ndarray)), np.zeros(5))
+    distortion = next((matrix.ravel() for matrix in given if isinstance(matrix, np.ndarray)), np.zeros(5))
     size = [
         round(side)
         for side in (content.get(f"{key}_{name}") for key in "WH")

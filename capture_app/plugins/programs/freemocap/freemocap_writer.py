@@ -51,7 +51,7 @@ def camera_ids(cameras: tuple[str, ...], recording: str) -> dict[str, str]:
     """Return the id in each camera's video name: without dots, and in the same order as the files."""
     ids = {camera: name.replace(".", "_") for camera, name in paired_names(cameras).items()}
     by_id = sorted(ids.values())
-    by_file = sorted(by_id, key=lambda found: _stem(recording, found, by_id.index(found)))
+    by_file = sorted(by_id, key=lambda camera: _stem(recording, camera, by_id.index(camera)))
     if by_id == by_file == list(ids.values()) and len(set(by_id)) == len(ids):
         return ids
     return {camera: f"cam_{number:03d}" for number, camera in enumerate(paired_names(cameras))}

@@ -67,10 +67,10 @@ def read_calibration(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) 
     views: dict[str, View] = {}
     for name, file in files:
         info = {
-            _KEYS.get(key, key.upper() if len(key) < 7 else key): of.get("data")
-            if isinstance(of, dict)
-            else of
-            for key, of in read_yaml(file).items()
+            _KEYS.get(key, key.upper() if len(key) < 7 else key): value.get("data")
+            if isinstance(value, dict)
+            else value
+            for key, value in read_yaml(file).items()
         }
         if "distortion_model" in info and isinstance(info.get("K"), list):
             turn = numbers(str(file), info, "R", 9).reshape(3, 3).T

@@ -125,7 +125,7 @@ def _bag_messages(
 ) -> Iterator[tuple[int, str, str, dict[str, Any]]]:
     """Yield leader time (ns), topic, type and fields of each message; stamps count from `origin_ns`."""
     topics = ros_topics(burst.cameras)
-    images = sorted((i for c in burst.cameras for i in burst.images_of(c)), key=lambda one: one.leader_ns)
+    images = sorted((i for c in burst.cameras for i in burst.images_of(c)), key=lambda image: image.leader_ns)
 
     def header(leader_ns: int, frame_id: str) -> Any:
         stamp = _ros("builtin_interfaces/msg/Time", *divmod(leader_ns - origin_ns, 1_000_000_000))
@@ -174,7 +174,7 @@ def ros_topics(cameras: Iterable[str]) -> dict[str, str]:
     preferred = {camera: re.sub(r"^(?=\d)", "cam", re.sub(r"\W", "_", camera)) for camera in cameras}
     topics: dict[str, str] = {}
     # A name that is valid in ROS stays unchanged.
-    for camera, own in sorted(preferred.items(), key=lambda one: one[0] != one[1]):
+    for camera, own in sorted(preferred.items(), key=lambda pair: pair[0] != pair[1]):
         numbered = chain((own,), (f"{own}_{number}" for number in count(2)))
         topics[camera] = next(topic for name in numbered if (topic := f"/{name}") not in topics.values())
     return topics

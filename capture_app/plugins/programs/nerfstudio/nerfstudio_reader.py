@@ -52,26 +52,26 @@ def open_recording(path: Path, *, png: bool, recording: str | None) -> Layout | 
     source = path / _TRANSFORMS
     content = (_read(source) if source.is_file() else None) or {"frames": []}
     by_file = {
-        one["file_path"]: one
-        for one in content["frames"]
-        if isinstance(one, dict) and isinstance(one.get("file_path"), str)
+        frame["file_path"]: frame
+        for frame in content["frames"]
+        if isinstance(frame, dict) and isinstance(frame.get("file_path"), str)
     }
-    if len({(PurePosixPath(file).parent, str(one.get("time"))) for file, one in by_file.items()}) != 1:
+    if len({(PurePosixPath(file).parent, str(frame.get("time"))) for file, frame in by_file.items()}) != 1:
         return None
     sources: dict[str, Images] = {}
     views: dict[str, View] = {}
     for file, frame in by_file.items():
         # Synthetic scenes leave out the suffix, and the size.
-        found = next(
+        point_cloud = next(
             (at for end in ("", *IMAGE_SUFFIXES) if (at := inside(path, file + end)).is_file()), None
         )
-        if found is not None:
-            name = name_like(found.stem, f"cam{len(sources)}")
-            sources[name] = image_folder(name, found)
+        if point_cloud is not None:
+            name = name_like(point_cloud.stem, f"cam{len(sources)}")
+            sources[name] = image_folder(name, point_cloud)
             size = (
                 {}
                 if "w" in content | frame
-                else dict(zip("wh", image_size(found.read_bytes()) or (), strict=False))
+                else dict(zip("wh", image_size(point_cloud.read_bytes()) or (), strict=False))
             )
             _, views[name] = _image(source, {**content, **size}, frame, ())
     if len(sources) < 2:

@@ -157,13 +157,13 @@ def _search(folder: Path, cameras: Sequence[str]) -> tuple[dict[str, Path], list
         # Whole words first, so that cam1 does not match cam10's file; then L matches left.npz.
         patterns = (re.compile(re.escape(name) + end, re.IGNORECASE) for end in (r"(?![A-Za-z0-9])", ""))
         matching = ([file for file in files if pattern.match(file.stem)] for pattern in patterns)
-        if (found := next((keys for keys in matching if len(keys) == 1), None)) is None:
+        if (chosen := next((keys for keys in matching if len(keys) == 1), None)) is None:
             have = ", ".join(file.name for file in files) or "no OpenCV file"
             raise BadInputError(
                 f"no single file in {folder} begins with {name!r}; it has {have}",
                 hint="say which is whose: --calibration NAME=FILE",
             )
-        own[name] = found[0]
+        own[name] = chosen[0]
     return own, [file for file in files if file not in own.values()]
 
 

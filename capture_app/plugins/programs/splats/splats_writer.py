@@ -242,7 +242,7 @@ def _blender(layout: _Layout, instants: list[int]) -> PointCloud:
             }
             frames.setdefault(camera, []).append(entry)
     angle = {"camera_angle_x": 2 * math.atan(_DNERF_PX / (2 * layout.lenses[first].fx))}
-    parts = {"train": [one for of in frames.values() for one in of], "test": frames[first]}
+    parts = {"train": [frame for group in frames.values() for frame in group], "test": frames[first]}
     for part, entries in (parts | {"val": parts["test"]}).items():
         text = json.dumps({**angle, "frames": entries}, indent=1)
         (layout.folder / f"transforms_{part}.json").write_text(f"{text}\n", encoding="utf-8")

@@ -39,7 +39,8 @@ def _read_csv(path: Path) -> Labels | None:
 def _read_h5(path: Path) -> Labels | None:
     with opened_h5(path) as file:
         table = next(
-            (one["table"] for one in file.values() if isinstance(one, Mapping) and "table" in one), None
+            (group["table"] for group in file.values() if isinstance(group, Mapping) and "table" in group),
+            None,
         )
         if table is None:
             return None

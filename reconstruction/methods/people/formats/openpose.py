@@ -22,8 +22,8 @@ def read(files: Sequence[Path]) -> Labels | None:
         content = json.loads(read_text(path))
         if not frames and not (isinstance(content, dict) and "people" in content):
             return None
-        people = [one["pose_keypoints_2d"] for one in content["people"]]
-        frames[number_in(path.name)] = [np.reshape(one, (-1, 3)) for one in people if one]
+        people = [person["pose_keypoints_2d"] for person in content["people"]]
+        frames[number_in(path.name)] = [np.reshape(person, (-1, 3)) for person in people if person]
     return labels_of(frames)
 
 

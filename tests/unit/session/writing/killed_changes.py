@@ -52,7 +52,7 @@ def killed_at(
 ) -> Callable[[int], None]:
     def work(pipe: int) -> None:
         if not exchanges:
-            system.exchange = lambda one, other: False
+            system.exchange = lambda path, other: False
         die_at(
             step,
             [
@@ -87,7 +87,7 @@ def judge(root: Path, change: Callable[[Path], None]) -> dict[str, Any]:
     after = whole_sessions(root)
     ((where, session),) = after.items()
     return {
-        "left": {name: [one.name, one.manifest.note] for name, one in left.items()},
+        "left": {name: [session.name, session.manifest.note] for name, session in left.items()},
         "after": [where, session.name, session.manifest.note],
         "hidden": sorted(str(path.relative_to(root)) for path in root.glob(".*.part/*")),
     }

@@ -49,7 +49,7 @@ def make(root: Path, pipe: int) -> None:
 def killed_at(step: int, root: Path, exchanges: bool) -> Callable[[int], None]:
     def work(pipe: int) -> None:
         if not exchanges:
-            system.exchange = lambda one, other: False
+            system.exchange = lambda path, other: False
         die_at(step, [(system, "exchange")])
         make(root, pipe)
 

@@ -39,7 +39,7 @@ COMMANDS = {
     "status": "Show the nodes of a running leader.",
     "burst": "Take a burst with a running leader.",
     "record": "Record a synchronized video with every camera.",
-    "cameras": "List the cameras of this machine; add, show and remove those of a running rig.",
+    "cameras": "List the cameras of this machine; add, show and remove a running rig's.",
     "preview": "Save a small live picture of a camera.",
     "coverage": "Show live which views of a calibration board are missing.",
     "serve": "Show the terminal UI in a browser.",
@@ -54,7 +54,7 @@ class LazyGroup(RuledCommand, click.Group):
     """Group of the commands, which imports one when it runs or completes."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        """Return the names in the order of the table, then those of plugins."""
+        """Return the names in the order of the table, then the names of plugins."""
         return [*COMMANDS, *(name for name in plugin_names(PLUGIN_COMMANDS) if name not in COMMANDS)]
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:

@@ -1,4 +1,4 @@
-"""`capture-app cameras calibrate-time`: how late the cameras of a rig are."""
+"""`capture-app cameras calibrate-time`: delays of a rig's cameras."""
 
 import asyncio
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Addresses: `HOST:PORT` of a leader, with IPv6 hosts in brackets, and those of this machine itself."""
+"""Addresses: `HOST:PORT` of a leader, with IPv6 hosts in brackets, and this machine's own addresses."""
 
 import asyncio
 import contextlib

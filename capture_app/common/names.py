@@ -79,7 +79,7 @@ def folder_names(labels: Sequence[str], what: str, otherwise: str) -> list[str]:
     if twice := [label for label in labels if keys[label_key(label)] > 1]:
         raise BadInputError(f"two {what}s are named {twice[0]}", hint="name them: NAME=PATH")
     names: dict[str, str] = {}
-    # A folder's name is first of all that of the label which is equal to it.
+    # A folder's name belongs first of all to the label that is equal to it.
     for number, label in sorted(enumerate(labels), key=lambda numbered: not _is_folder_name(numbered[1])):
         nearest = label if _is_folder_name(label) else name_like(label, f"{otherwise}{number}")
         names[label] = free_name(nearest, names.values())

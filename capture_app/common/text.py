@@ -16,7 +16,7 @@ _CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u2
 _SURROGATE = re.compile(r"[\ud800-\udfff]")
 """Bytes of a file name that are not UTF-8: no terminal can show them."""
 _UNESCAPED = rb"\x7f|\xc2[\x80-\x9f]|\xd8\x9c|\xe2\x80[\x8e\x8f\xa8-\xae]|\xe2\x81[\xa6-\xa9]|\xef\xbb\xbf"
-"""The same controls in UTF-8, but those that JSON escapes anyway."""
+"""The same controls in UTF-8, without the ones that JSON escapes anyway."""
 _JSON_CONTROL = re.compile(_UNESCAPED)
 _JSON_ODD = re.compile(rb"\\(u[0-9a-fA-F]{4}|.)|" + _UNESCAPED, re.DOTALL)
 """In JSON: an escape sequence, or a control character that needs no escape."""

@@ -1,6 +1,6 @@
 """Words that people know from other programs, and the command or option of ours that each one means.
 
-They are ffmpeg's, git's, docker's, OpenCV's, COLMAP's, nerfstudio's and those of camera apps.
+They are ffmpeg's, git's, docker's, OpenCV's, COLMAP's, nerfstudio's and camera apps'.
 """
 
 import os

@@ -182,7 +182,7 @@ class Progress:
         self.total = total
         self.done = 0
         self.later = 0
-        """Steps that the caller adds after those which a part of its work counts."""
+        """Steps that the caller adds to the ones that a part of its work counts."""
         self.silent = silent
 
     def step(self, text: str) -> None:

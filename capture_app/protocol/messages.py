@@ -144,7 +144,7 @@ class ImageBatch(Message, frozen=True, kw_only=True, tag="images"):
 
     @property
     def sha256(self) -> str:
-        """Checksum by which it is acknowledged, which is that of its last image."""
+        """Checksum by which it is acknowledged, its last image's."""
         return self.images[-1].sha256
 
 

@@ -119,7 +119,7 @@ class SaveStamp(Message, frozen=True, kw_only=True, tag="save-stamp"):
     """Delay of its timestamps, stored for the device."""
     asymmetry: PathAsymmetry | None = None
     """Path asymmetry found beyond that, by the current estimate of the leader's clock; stored for the
-    link. Its uncertainty is that of the measurement alone."""
+    link. Its uncertainty is the measurement's alone."""
 
 
 class StampSaved(Message, frozen=True, kw_only=True, tag="stamp-saved"):
@@ -128,7 +128,7 @@ class StampSaved(Message, frozen=True, kw_only=True, tag="stamp-saved"):
     camera: Name
     is_stored: bool
     asymmetry_uncertainty_ns: Real | None = None
-    """95 % uncertainty of the path asymmetry, that of the node's own clock included."""
+    """95 % uncertainty of the path asymmetry, including the node's own clock's."""
 
 
 class CancelBurst(Message, frozen=True, kw_only=True, tag="cancel-burst"):

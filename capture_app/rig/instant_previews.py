@@ -57,7 +57,7 @@ class InstantPreviews(Struct, frozen=True):
         return None if ahead_ns is None else system.monotonic_ns() + ahead_ns - self.instant_ns
 
     def bgr(self) -> "dict[str, NDArray[np.uint8]]":
-        """Return the images by camera, BGR uint8 (height, width, 3), without those that cannot be decoded."""
+        """Return the images by camera, BGR uint8 (height, width, 3), without undecodable ones."""
         images = {name: decode_preview(preview.jpeg) for name, preview in self.previews.items()}
         return {name: image for name, image in images.items() if image is not None}
 
@@ -81,7 +81,7 @@ class LeaderMoments:
 
 
 def collect(newest: dict[str, Preview], preview: Preview) -> InstantPreviews | None:
-    """Store a preview as its camera's newest; return those of its instant if it completes the instant."""
+    """Store a preview as its camera's newest; return its instant's previews if it completes the instant."""
     newest[preview.camera] = preview
     if preview.instant_ns is None or not preview.completes:
         return None
@@ -90,14 +90,14 @@ def collect(newest: dict[str, Preview], preview: Preview) -> InstantPreviews | N
 
 
 class Gathering:
-    """Previews that wait for those of the other cameras, so that all are shown together."""
+    """Previews that wait for the other cameras', so that all are shown together."""
 
     def __init__(self) -> None:
         self._newest: dict[str, Preview] = {}
         self._waiting: dict[str, Preview] = {}
 
     def add(self, preview: Preview) -> tuple[tuple[Preview, ...], InstantPreviews | None]:
-        """Return the previews to show now, and those of one instant if it is complete.
+        """Return the previews to show now, and all of one instant if it is complete.
 
         A preview without an instant, of a camera that is not synchronized, waits for none.
         """

@@ -126,7 +126,7 @@ async def start_rig(
 ) -> LeaderRecord:
     """Start a rig in the background and return it when it answers.
 
-    It outlives this process unless `is_owned`; with `until_unused` it ends if nobody uses it.
+    It outlives this process unless `is_owned`; with `until_unused` it ends if it is unused.
     Without a `port` it takes the default one, or a free one.
     Raises NetworkError for a port that is in use or a host that is not this machine's, and the error with
     which the rig's process ended.

@@ -130,7 +130,7 @@ class AsyncRig:
         return await rig_time(self.address)
 
     async def mark(self, text: str, *, local_ns: int | None = None) -> PlacedMark:
-        """Note an event, such as a stimulus, in the take under way; its time is that of this call.
+        """Note an event, such as a stimulus, in the take under way, at the time of this call.
 
         `local_ns`: its `time.perf_counter_ns()` on this machine, if it was earlier. Without a take, the rig
         stores it in a file beside its sessions. Raises BadInputError for an empty or long text, NetworkError.
@@ -252,7 +252,7 @@ class Rig:
         return _run(self._rig.now())
 
     def mark(self, text: str, *, local_ns: int | None = None) -> PlacedMark:
-        """Note an event in the take under way; its time is that of this call. Raises as in `AsyncRig`."""
+        """Note an event in the take under way, at the time of this call. Raises as in `AsyncRig`."""
         called_ns = system.monotonic_ns() if local_ns is None else local_ns
         return _run(self._rig.mark(text, local_ns=called_ns))
 

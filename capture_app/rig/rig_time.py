@@ -104,7 +104,7 @@ async def rig_time(leader: Address) -> LeaderTime:
 
 
 async def place_mark(leader: Address, text: str, local_ns: int | None = None) -> PlacedMark:
-    """Note an event in the take under way; its time is that of the call, however long the leader takes.
+    """Note an event in the take under way; its time is the call's, however long the leader takes.
 
     `local_ns`: the event's `time.perf_counter_ns()` on this machine, if it was earlier. Raises BadInputError
     for a text that is empty or too long, NetworkError, and UnknownMachineError without the right.

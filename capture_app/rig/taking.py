@@ -48,7 +48,7 @@ class TakePlan(BurstRequest, frozen=True, kw_only=True, tag=False):
     """
 
     frames: int = 5
-    """Frames of each camera, including those of `before`."""
+    """Frames of each camera, including `before`."""
     countdown_s: float = 0.0
     """Delay before the first take, and before each take of a series that has no `every_s`."""
     repeat: int = 1

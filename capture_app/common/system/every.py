@@ -37,5 +37,5 @@ def usable_cores() -> list[int]:
 
 
 def use_cores(cores: Sequence[int]) -> None:
-    """Run this thread, and those that it starts, on these cores only, where the system can do that."""
+    """Run this thread, and all that it starts, on these cores only, where the system can do that."""
     getattr(os, "sched_setaffinity", lambda *_: None)(0, cores)

@@ -32,7 +32,7 @@ def sync_data(handle: int) -> None:
 
 
 def path_of(handle: int) -> Path:
-    """Return where an open folder lies now, or a path that does not exist."""
+    """Return the present path of an open folder, or a path that does not exist."""
     with suppress(OSError):
         return Path(f"/proc/self/fd/{handle}").readlink()
     return Path()
@@ -91,7 +91,7 @@ def end_with_parent(parent: int) -> None:
 
 
 def raise_thread_priority() -> None:
-    """Raise the calling thread's priority, and that of threads that it begins, if the system permits it."""
+    """Raise the calling thread's priority, which threads that it begins inherit, if the system permits it."""
     with suppress(OSError):
         os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), -10)
 

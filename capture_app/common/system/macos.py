@@ -28,7 +28,7 @@ def sync_data(handle: int) -> None:
 
 
 def path_of(handle: int) -> Path:
-    """Return where an open folder lies now, or a path that does not exist."""
+    """Return the present path of an open folder, or a path that does not exist."""
     with suppress(OSError):
         return Path(os.fsdecode(fcntl.fcntl(handle, _F_GETPATH, bytes(_MAX_PATH)).rstrip(b"\0")))
     return Path()

@@ -1,7 +1,7 @@
 """What Windows does in another way: files that others may replace, locks by name, processes, timers.
 
 Files are opened by CreateFile with all kinds of sharing, so that an open file can be renamed and deleted, as
-the rest of simulshot expects. Constants are those of Microsoft's headers.
+the rest of simulshot expects. Constants are from Microsoft's headers.
 """
 
 import _winapi
@@ -46,7 +46,7 @@ _ACTS: dict[str, Callable[[psutil.Process], None]] = {
 _PAUSES_S = (0.001, 0.005, 0.02, 0.1, 0.3)
 """A virus scanner or an indexer holds a new file for moments."""
 _CLOSING = 2
-"""CTRL_CLOSE_EVENT; those of a session's or the system's end are greater, of keys less."""
+"""CTRL_CLOSE_EVENT; codes of a session's or the system's end are greater, of keys less."""
 _TO_CLOSE_S = 4.5
 """Windows ends a process 5 s after its window was closed."""
 _kernel = ctypes.WinDLL("kernel32", use_last_error=True)
@@ -88,7 +88,7 @@ def open_folder(path: Path) -> int:
 
 
 def path_of(handle: int) -> Path:
-    """Return a path that does not exist: nobody can rename a folder in which files are open."""
+    """Return a path that does not exist: a folder in which files are open cannot be renamed."""
     return Path()
 
 

@@ -261,7 +261,7 @@ def _by_date(clips: Sequence[Clip]) -> list[list[Clip]]:
 
 
 def _by_names(clips: Sequence[Clip], root: Path, notes: list[str]) -> list[Shoot]:
-    """Group clips into takes of the cameras that their names tell, below a folder; none if they do not."""
+    """Group clips into takes of the cameras that their names show, below a folder; none if they do not."""
     parse = choose(parse_names([clip.path for clip in clips], root, stills=False))
     if parse is None or len(parse.takes) < 2:
         return []

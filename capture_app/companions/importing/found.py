@@ -111,7 +111,7 @@ def _find_takes(folder: Path, options: FindOptions, states_times: bool) -> tuple
             used += source.files if isinstance(source, Images) and source.path == folder else [source.path]
         used += [table for _, table in tables]
         found.append(Layout(path=folder, sources=tuple(sources), take=take, timestamps=tables, beside=beside))
-    # What becomes of each video was said above.
+    # Each video's use was reported above.
     return found, [*notes, *describe_unused(folder, used, VIDEO_SUFFIXES if shoots else ())]
 
 

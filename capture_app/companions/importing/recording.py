@@ -37,7 +37,7 @@ _replaces_nothing = partial(replaces_nothing, option="--name")
 
 @dataclass(frozen=True, kw_only=True)
 class ImportOptions(FindOptions, TimeOptions, AlignmentOptions, ViewOptions):
-    """All options of an import: those of each stage, and which instants are written."""
+    """All options of an import: of each stage, and which instants are written."""
 
     start: int = 0
     """First instant to import, counted from 0."""

@@ -68,7 +68,7 @@ class MonitorFeed:
         self.pictures: dict[str, bytes] = {}
         """Images of the last take, `take/NAME/KIND`, once a monitor has asked for them."""
         self.live: dict[str, LivePicture] = {}
-        """Newest picture of each camera: those of one instant are replaced together."""
+        """Newest picture of each camera; pictures of one instant are replaced together."""
         self._gathering = Gathering()
         self._moments = LeaderMoments()
         self._link, self._is_local = link, is_local
@@ -118,7 +118,7 @@ class MonitorFeed:
             await self._want_previews()
 
     async def look_closely(self, camera: str) -> None:
-        """Request larger pictures of a camera, until cancelled; they come with those of the others."""
+        """Request larger pictures of a camera, until cancelled; they come with the other cameras' pictures."""
         link = self._link.another()
         await link.want_previews(cameras=(camera,), width=CLOSE_WIDTH_PX, fps=FPS)
         async with contextlib.aclosing(link.updates()) as updates:

@@ -65,7 +65,7 @@ def match_panels(reference: PanelTrack, camera: PanelTrack) -> CameraTimes:
 
 
 def _reading_sds(track: PanelTrack) -> Floats:
-    """Return each reading's standard deviation, s: as stated, or that of its visit's scatter if larger."""
+    """Return each reading's standard deviation, s: as stated, or its visit's scatter if larger."""
     sd_s = track.sd_s.copy()
     for number in np.unique(track.visit):
         mine = track.visit == number

@@ -46,7 +46,7 @@ class PanelTrack:
 
 
 def make_track(readings: Sequence[TrackReading], *, alike: float = 1.0) -> PanelTrack:
-    """Return the track of readings, whose turn codes tell which of the pattern's repetitions they show.
+    """Return the track of readings, whose turn codes show the pattern's repetition.
 
     Raises BadInputError with a short reason if they show several panels, or no turn.
     """
@@ -87,7 +87,7 @@ def make_track(readings: Sequence[TrackReading], *, alike: float = 1.0) -> Panel
 def _unwrap(own_s: Floats, within_s: Floats, turn_s: Sequence[float | None], cycle_s: float) -> Floats:
     """Return a visit's times since the page was loaded; NaN if none of its turn codes was readable.
 
-    `within_s` are modulo the cycle. Own times tell how many cycles are between two readings of a visit, and
+    `within_s` are modulo the cycle. Own times show the number of cycles between two readings of a visit, and
     most codes must agree on the first reading's turn.
     """
     since_s = own_s - own_s[0]

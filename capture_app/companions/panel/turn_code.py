@@ -1,6 +1,6 @@
 """Turn code of a screen's panel: cells beside the lamps with the number of the turn, and of the page.
 
-The lamps repeat after a turn, 17 s at 60 Hz. The code tells which turn it is, which recordings that nothing
+The lamps repeat after a turn, 17 s at 60 Hz. The code identifies the turn, which recordings that nothing
 synchronized do not. Its cells are black or white squares of one pitch between the left markers and between
 the right ones: 12 bits of the turn, 6 bits that the page draws by chance when it is loaded, and a checksum
 (CRC-6-ITU).
@@ -13,7 +13,7 @@ from capture_app.companions.panel.pattern import Panel
 TURN_BITS, PAGE_BITS, CHECK_BITS = 12, 6, 6
 BITS = TURN_BITS + PAGE_BITS + CHECK_BITS
 TURNS, PAGES = 1 << TURN_BITS, 1 << PAGE_BITS
-"""Number of turns before they repeat, 19 hours at 60 Hz; and of pages that can be told apart."""
+"""Number of turns before they repeat, 19 hours at 60 Hz; and of distinct pages."""
 CHECK_POLYNOMIAL = 0b000011
 """CRC-6-ITU's polynomial, x^6 + x + 1, without its highest term."""
 _ROWS, _COLUMNS = 6, 2

@@ -14,7 +14,7 @@ _CLEAR = 0.15
 
 
 def read_turn(panel: FoundPanel, grey: NDArray[np.uint8]) -> Turn | None:
-    """Return the turn that a screen's panel shows in an image, or None if it shows or tells none."""
+    """Return the turn that a screen's panel shows in an image, or None if it shows none that is readable."""
     if not panel.panel.is_screen:
         return None
     places = np.array(cell_places(panel.panel)) + 0.5

@@ -90,7 +90,7 @@ class Visit:
 
     def _frame_scores(self, frame: Frame, base_ns: float, of: Screening) -> Floats:
         model = frame.model
-        # A model's times are those of its panel's row.
+        # A model's times refer to its panel's row.
         shift_ns = (model.row - frame.middle_row) * of.shutter.row_time_ns
         shares = model.shares_in_steps(base_ns + self.steps_ns + shift_ns, of.shutter, of.response_ns)
         likelihood, _ = model.fit(shares, model.rough_fit[1], TONES)
@@ -109,7 +109,7 @@ def read_visit(
     """
     frames = list[Frame]()
     alone: TrackReading | None = None
-    # One frame is read alone, which tells the time to a refresh: the one nearest to the visit's middle.
+    # One frame is read alone, which gives the time to a refresh: the one nearest to the visit's middle.
     middle_s = (images[0][0] + images[-1][0]) / 2
     for own_s, image in sorted(images, key=lambda one: abs(one[0] - middle_s)):
         try:

@@ -42,7 +42,7 @@ NEVER = "its page is closed: open it again on the phone"
 STARTING = "its camera is starting, or its clock is being measured"
 BLOCK_US, BLOCKS = 3e6, 10
 STALE_NS, SILENT_NS = 1_000_000_000, 8_000_000_000
-"""Age at which a frame is of no use to a burst, and the time without one after which its user is told."""
+"""Age at which a frame is of no use to a burst, and the time without one after which its user is informed."""
 HELD_FRAMES = 8
 """Number of first frames held back; their minimum delay locates the zero of the stream's media times."""
 RATE_FRAMES, RATE_FRACTION = 20, 0.05
@@ -358,7 +358,7 @@ class Phone:
     def link_opened(self, send: Send, hello: wire.PhoneHello) -> None:
         """Connect a page of this phone, and wake the requests for images, which are then sent again.
 
-        If the page was loaded again, the phone's clock starts anew.
+        If the page was loaded again, the phone's clock starts again.
         """
         self._send, self._hello, self.said_goodbye = send, hello, False
         if hello.page != self.page:

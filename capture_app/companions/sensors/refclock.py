@@ -29,7 +29,7 @@ AGAIN_S = 2.0
 def sock_sample(now: LeaderTime, system_ns: int) -> bytes:
     """Return the sample of a rig's time at the system clock's reading `system_ns` (Unix time) at that moment.
 
-    The true time is that of the leader's wall clock.
+    The true time is the leader's wall clock's.
     """
     rig_ns = now.leader_ns + now.unix_less_leader_ns
     seconds, microseconds = divmod(system_ns // 1000, 1_000_000)

@@ -23,7 +23,7 @@ CALL_PORT, TIME_PORT = 8244, 9428
 ACK, OFFSET, TRIGGER, ALIGN = 2, 3, 200_000, 200_001
 METHOD, REQUEST, ANSWER = struct.Struct(">i"), struct.Struct(">q"), struct.Struct(">qqq")
 HEARTBEAT = re.compile(rb"\x00\x00\x00\x01([^,]{1,64}),[^,]{0,64},(?:true|false)")
-"""Method 1: name, IPv4 address, whether it is synchronized. The address may be that of another network."""
+"""Method 1: name, IPv4 address, whether it is synchronized. The address may belong to another network."""
 PERIOD_NS, GOAL_NS, SAME_PERIOD_NS = 33_320_000, 15_000_000, 20
 """The app's frame period, its goal of leader time modulo that (res/raw/default_phaseconfig.json), and how far
 a rig's period may be from it: its frames then move away by 0.6 us a second."""
@@ -40,7 +40,7 @@ class _Phone:
     """Estimator of its clock, as if it were the leader's, from this machine's."""
     heard_ns: int = 0
     error_ns: float | None = None
-    """95 % error of the rig's time in it; None until it was told that."""
+    """95 % error of the rig's time in it; None until it was sent."""
 
 
 class AppLeader(asyncio.DatagramProtocol):
@@ -115,7 +115,7 @@ class AppLeader(asyncio.DatagramProtocol):
             )
 
     def tell_time(self) -> None:
-        """Send each phone its offset, right half a second from now, and forget those that are silent."""
+        """Send each phone its offset, right half a second from now, and forget silent phones."""
         now_ns = self._now_ns()
         middle_ns, rig = now_ns + 500_000_000, self.rig_clock.time_map(now_ns)
         self.phones = {h: phone for h, phone in self.phones.items() if now_ns - phone.heard_ns <= SILENT_NS}

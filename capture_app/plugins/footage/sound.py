@@ -48,7 +48,7 @@ Sound = tuple[Samples, float]
 
 
 def read_sound(path: Path) -> Sound:
-    """Return the sound of a recording, whose later chapters lie beside the video.
+    """Return the sound of a recording, whose later chapters are beside the video.
 
     Raises BadInputError with a short reason if there is none.
     """
@@ -131,7 +131,7 @@ class Jump(NamedTuple):
     before_s: float
 
     def __str__(self) -> str:
-        """Say who lost frames, how much and where."""
+        """Report which recording lost frames, their number and place."""
         who, lost_ms = "it" if self.by_s > 0 else "the other camera", 1000 * abs(self.by_s)
         where = f"between {self.after_s:.1f} and {self.before_s:.1f} s"
         return f"{where} {who} loses {lost_ms:.0f} ms of sound, so frames may be lost there"

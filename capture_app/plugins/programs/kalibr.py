@@ -2,7 +2,7 @@
 
 According to its wiki ("Yaml formats"), `intrinsics` are fu, fv, pu, pv, and `T_cn_cnm1` takes points of the
 camera before, by number, to this one, in metres. radtan's four coefficients are OpenCV's k1, k2, p1, p2;
-equidistant's are those of OpenCV's fisheye. According to EuRoC's page (projects.asl.ethz.ch/datasets),
+equidistant's are the same as OpenCV's fisheye's. According to EuRoC's page (projects.asl.ethz.ch/datasets),
 `T_BS` takes points of the sensor to the body, in metres.
 """
 

@@ -17,7 +17,7 @@ from capture_app.session.importing.importer import Importer
 from capture_app.session.importing.views import View, Views, numbers, size_of
 
 MAX_LETTERS = 1 << 16
-"""How much of a file is read, letters; a calibration has 5,000."""
+"""Maximum number of letters that are read of a file; a calibration has 5,000."""
 
 
 def read_calibration(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) -> Views | None:

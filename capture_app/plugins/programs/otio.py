@@ -9,7 +9,7 @@ from capture_app.session.exporting.videos import at_own_times, write_camera
 
 TIMELINE = "timeline.otio"
 SAME_RATE = 5e-4
-"""Relative difference within which a rate is called the whole one; half of that of 29.97 and 30."""
+"""Relative difference within which a rate is called the whole one; half of the difference of 29.97 and 30."""
 
 DAY_S = 86_400
 
@@ -18,7 +18,7 @@ def write(burst: ExportedBurst, folder: Path) -> None:
     """Write <camera>.mp4, each from its own first frame, and timeline.otio, in which a gap delays each.
 
     Gaps count from the burst's earliest image. Times in the timeline are in frames at the rig's rate. The
-    start timecode of a video is that of its first frame, to the nearest frame; the gaps have the rest.
+    start timecode of a video is its first frame's, to the nearest frame; the gaps have the rest.
     """
     import opentimelineio as otio
 
@@ -64,7 +64,7 @@ def first_frame(burst: ExportedBurst, since_ns: int = 0) -> int:
 
 
 def frames_per_second(burst: ExportedBurst) -> int:
-    """Return how many frames a second of timecode has; 0 for a rate that has no timecode."""
+    """Return the number of frames in a second of timecode; 0 for a rate that has no timecode."""
     return round(1e9 / burst.period_ns)
 
 

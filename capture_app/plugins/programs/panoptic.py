@@ -13,7 +13,7 @@ from capture_app.session.importing.views import View, Views, numbers, read_json,
 
 
 def read_calibration(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) -> Views | None:
-    """Read the cameras of a recording out of those of the studio; all, if it has none of them.
+    """Read a recording's cameras out of the studio's; all, if it has none of them.
 
     Raises BadInputError, with the camera, if it is malformed.
     """

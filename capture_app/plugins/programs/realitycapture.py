@@ -39,7 +39,7 @@ _DEFAULTS = {key: ["0"] for key in _LENS[2:]} | {
 def read_calibration(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) -> Views | None:
     """Read .xmp files, or a folder of them with their images; a file's path names its camera.
 
-    Raises BadInputError, with the file, if it is malformed, lies beside no image or has another lens model.
+    Raises BadInputError, with the file, if it is malformed, is beside no image or has another lens model.
     """
     files = [
         (

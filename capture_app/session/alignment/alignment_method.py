@@ -43,7 +43,7 @@ class AlignmentMethod(Generic[Track]):
 
 
 def alignment_methods(by: str = "auto") -> Mapping[str, AlignmentMethod[object]]:
-    """Import all methods, the most trustworthy first, or the one named; all skips those that do not load.
+    """Import all methods, the most trustworthy first, or the one named; all skips methods that do not load.
 
     Raises BadInputError if no method has that name, NotAvailableError if it cannot be imported.
     """

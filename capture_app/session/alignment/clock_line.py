@@ -92,7 +92,7 @@ def measure_pairs(read: Callable[[str], Track], match: Callable[[Track, Track], 
 
 
 def chain_cameras(names: Sequence[str], against: Against) -> dict[str, CameraTimes]:
-    """Return each camera's times against those of the first camera, through a chain of measured pairs.
+    """Return each camera's times against the first camera's, through a chain of measured pairs.
 
     `against(first, second)` measures the second camera's times against the first's.
 

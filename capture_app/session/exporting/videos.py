@@ -33,7 +33,7 @@ def write_video(
 ) -> None:
     """Encode frames, each with its time in ns since the video's start, to 1 us; `size` is (width, height).
 
-    `period_ns` is the duration of the last frame, `timecode` that of the video's start (HH:MM:SS:FF).
+    `period_ns` is the duration of the last frame, `timecode` the one of the video's start (HH:MM:SS:FF).
     Odd sizes are preserved by not subsampling colour. Lossless is H.264 of the exact RGB values. The caller
     has checked that PyAV is installed. Raises BadInputError if two frames share a microsecond.
     """

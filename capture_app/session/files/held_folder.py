@@ -14,7 +14,7 @@ from capture_app.session.files.locks import lock_folder
 class HeldFolder:
     """A folder that this process writes, locked against others until `close`.
 
-    On Windows nobody can rename it meanwhile: files in it are open.
+    On Windows it cannot be renamed meanwhile: files in it are open.
     """
 
     def __init__(self, path: Path) -> None:

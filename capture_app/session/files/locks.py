@@ -20,7 +20,7 @@ _READER_S = 0.005
 def lock_handle(handle: int, *, wait: bool = False, shared: bool = False) -> os.stat_result:
     """Lock an open file or folder until its handle is closed; return its status.
 
-    Where the file system has no locks, the handle becomes that of a held name. Raises BlockingIOError if
+    Where the file system has no locks, the handle becomes the one of a held name. Raises BlockingIOError if
     another process holds the lock and `wait` is not set; OSError.
     """
     status = os.fstat(handle)

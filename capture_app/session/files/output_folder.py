@@ -133,7 +133,7 @@ class OutputFolder:
     def show_early(self, name: str) -> bool:
         """Show a file of the unfinished result in the target already; return whether it has just appeared.
 
-        A target with an earlier result stays as it is until the end. After an error the file disappears.
+        A target with an earlier result remains until the end. After an error the file disappears.
         """
         shown, part = self.target / name, self._workplace / _EARLY
         with output_errors(self.target, self._workplace):

@@ -1,6 +1,6 @@
 """Reader of pickled arrays and numbers that runs nothing of the file.
 
-A pickle can name any function to call. Those that make arrays are replaced by ours, all others are refused.
+A pickle can name any function to call. Functions that make arrays are replaced by ours, all others are refused.
 """
 
 import io
@@ -33,7 +33,7 @@ class _ArraysOnly(pickle.Unpickler):
     """Unpickler of arrays and numbers; what it makes is no larger than its bytes."""
 
     def find_class(self, module: str, name: str) -> Any:
-        # Made anew for each name, as a pickle can set attributes of what it is given.
+        # Made for each name, as a pickle can set attributes of what it is given.
         makers: dict[tuple[str, str], Callable[..., Any] | None] = {
             ("multiarray", "_reconstruct"): lambda *_: np.empty(0),
             ("multiarray", "scalar"): lambda kind, data: np.frombuffer(data, kind)[0],

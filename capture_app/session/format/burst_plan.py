@@ -82,7 +82,7 @@ class BurstPlan(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     streamed: InstantRange | None = None
     """Instants of a streamed burst, whose frames are sent as they are captured; `burst` then has none."""
     unix_minus_leader_ns: int | None = None
-    """Wall clock minus leader time at the order, ns: another difference is that of another clock."""
+    """Wall clock minus leader time at the order, ns: another difference means another clock."""
     schema_version: int = PLAN_VERSION
 
     @property

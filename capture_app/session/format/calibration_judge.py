@@ -1,4 +1,4 @@
-"""The judge of calibrations: whether real cameras can have one, asked by whoever reads or stores one."""
+"""The judge of calibrations: whether real cameras can have one, for all that read or store one."""
 
 from collections.abc import Mapping
 from itertools import chain, combinations

@@ -33,7 +33,7 @@ def pair_labels(labels: Iterable[str], cameras: Sequence[str] | Mapping[str, str
     `cameras`: their names, or what their owner calls each, by name; that is compared before the name.
     Equal names are paired first, then names that differ in letter case, in separators, in leading zeros or in
     a word such as `cam` before the number. Where no name is equal, `1` and `2` are gopro_1 and gopro_2 only
-    if the numbers of the labels are those of the cameras, one to one.
+    if the labels' numbers equal the cameras', one to one.
     """
     left = list(dict.fromkeys(labels))
     pairs: dict[str, str] = {}

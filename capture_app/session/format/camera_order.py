@@ -21,7 +21,7 @@ def order_on_arc(cameras: Mapping[str, CameraCalibration]) -> tuple[str, ...]:
         return tuple(names)
     centres = np.array([centre_of(cameras[name]) for name in names])
     rotations = np.array([rotation_of(cameras[name]) for name in names])
-    # Cameras at one place are told apart by where they look.
+    # Cameras at one place are distinguished by their viewing directions.
     at_one_spot = float(np.ptp(centres, axis=0).max()) <= ONE_SPOT
     places = rotations[:, 2] if at_one_spot else centres
     angles = _angles(places, -rotations[:, 2] if at_one_spot else rotations[:, 2])

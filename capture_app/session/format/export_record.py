@@ -21,7 +21,7 @@ class ExportRecord(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
     """Record of an export: its format, and the session's manifest and calibration.
 
     Frames of videos are listed as images. If a camera's images were resampled for another lens, its
-    calibration is that of the resampled images.
+    calibration is the resampled images'.
     """
 
     format: str

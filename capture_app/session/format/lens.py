@@ -158,11 +158,11 @@ class Lens:
         return np.asarray(self._terms * np.arange(2 * len(self._terms) - 1, 0, -2))
 
     def _bend(self, radius: Array | float) -> Array:
-        """Return the radius of pixels by that of rays: of x / z, for a fisheye of the angle (radians)."""
+        """Return the radius of pixels by the radius of rays: of x / z, for a fisheye of the angle (radians)."""
         return np.asarray(np.polyval(self._terms, np.square(radius)) * radius)
 
     def _tangential(self, rays: Array) -> Array:
-        """Return how far tangential terms move the pixels (n, 2) of rays, in focal lengths."""
+        """Return the shift of the pixels (n, 2) of rays by tangential terms, in focal lengths."""
         p = np.zeros(2) if self.is_fisheye else self.distortion[[3, 2]]
         return np.asarray((rays**2).sum(1, keepdims=True) * p + 2 * rays * (rays @ p)[:, None])
 

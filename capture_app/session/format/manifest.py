@@ -204,7 +204,7 @@ class BurstRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True,
 
     @property
     def shortfall(self) -> str:
-        """How many of the ordered instants were taken, in words; empty if all were."""
+        """Number of the ordered instants that were taken, in words; empty if all were."""
         if self.ordered is None:
             return ""
         return f"cut off after {len(self.instants_ns)} of {self.ordered} instants"
@@ -333,7 +333,7 @@ class Manifest(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
     @property
     def ordered_instants(self) -> int:
-        """Number of instants that were ordered, also of those that were not taken."""
+        """Number of ordered instants, taken or not."""
         return self.burst.ordered or len(self.burst.instants_ns)
 
     @property
@@ -493,7 +493,7 @@ def inside(folder: Path, path: str) -> Path:
 
 
 def check_inside(folder: Path, paths: Iterable[str]) -> set[str]:
-    """Check paths that a manifest states as `inside` does, and return those of plain files that exist.
+    """Check paths that a manifest states as `inside` does, and return the paths of plain files that exist.
 
     Each of their folders is looked at once, as a session may have a million images.
     """

@@ -222,7 +222,7 @@ def choose_calibration(
     """Return the calibration for images of these sizes, and notes about it.
 
     It is the user's, otherwise the program's, the export's, or one beside that fits. `labels` is what their
-    owner calls the cameras, by name. Raises BadInputError if it does not fit; one that only lies beside is
+    owner calls the cameras, by name. Raises BadInputError if it does not fit; one that is only beside it is
     then reported and not used.
     """
     notes: list[str] = []

@@ -192,7 +192,7 @@ def overlap(timeline: Timeline, talk: Talk) -> Timeline:
 
 
 def at_slowest_rate(timeline: Timeline, talk: Talk) -> Timeline:
-    """Return a timeline whose instants are those of the slowest cameras, with the others' nearest frames.
+    """Return a timeline with the instants of the slowest cameras, with the others' nearest frames.
 
     Where the slowest lack a frame, an instant of the others remains in its place.
     """
@@ -297,7 +297,7 @@ def describe_times(times_ns: Sequence[int]) -> str:
 
 
 def find_extra_steps(steps_ns: Sequence[int], period_ns: float) -> dict[int, int]:
-    """Return how many frames are missing after a frame (negative: too many) by its number, from intervals.
+    """Return the number of frames that are missing after a frame (negative: too many) by its number, from intervals.
 
     A late or early frame, whose next one is on time, is none of them: neighbouring intervals make up for it.
     """

@@ -41,7 +41,7 @@ _SMALLER = re.compile(r"images_(2|4|8|16)")
 """Folders of smaller copies beside `images`, as LLFF, nerfstudio and COLMAP's users have them."""
 _COPIES = re.compile(r"(^|/)(@eadir|thumb(nail)?s?|previews?|prox(y|ies))(/|$)", re.IGNORECASE)
 CameraFiles = tuple[str, Path, list[Path]]
-"""Label and path of a camera, and its files if the folder has those of other cameras."""
+"""Label and path of a camera, and its files if the folder has other cameras' too."""
 UNREAD = {
     "": "it needs a subfolder of images or a video file for each camera",
     ".heic": "convert it to JPEG: heif-convert {file} FILE.jpg",
@@ -233,7 +233,7 @@ def _camera_below(folder: Path) -> Path:
 def takes_in(folder: Path) -> tuple[dict[str, list[CameraFiles]], list[str]]:
     """Return the cameras of each take in a folder by the names in it, and what the names were taken for.
 
-    Raises BadInputError, with the possible readings, if the names do not tell.
+    Raises BadInputError, with the possible readings, if the names leave it open.
     """
     videos = videos_in(folder)
     recorded = {path: path.name for path in folder.iterdir() if path.is_dir() and camera_importer(path)}

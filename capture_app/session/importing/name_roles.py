@@ -1,4 +1,4 @@
-"""Roles of the pieces of files' names: which piece tells cameras apart, which takes, and which instants.
+"""Roles of the pieces of files' names: which piece names the camera, which the take, and which the instant.
 
 A name consists of words and numbers, and each folder above it is a further piece. The pieces at one place of
 all names form a column. A parse makes one column the camera's; its score is the evidence for that.
@@ -117,7 +117,7 @@ def take_names(cameras: Mapping[str, Sequence[Path]]) -> dict[Path, str]:
     own = next((one for one in columns if one[0].is_folder and _parts_alike(one, texts)), None)
     rest = [column for column in columns if column is not own and _is_free(column, texts)]
     names = [name.casefold() for name in _take_names(rest, len(files))]
-    # Where these do not tell a camera's files apart, their types do, or nothing.
+    # Where these do not distinguish a camera's files, their types do, or nothing.
     for other in ([file.suffix.casefold() for file in files], [*map(str, files)]):
         twice = {own[1] for own, n in Counter(zip(texts, names, strict=True)).items() if n > 1}
         names = [name + more * (name in twice) for name, more in zip(names, other, strict=True)]
@@ -219,7 +219,7 @@ def _parse(
     share = 2 if full else int(len(pairs) > 0.6 * len(cameras) * len(instants))
     if len(instants) == 1 or (stills and camera[0].text.isdecimal() and not counters):
         share = 0
-    # Words tell instants apart if no camera lacks one; in a camera's own folder they are of its frames.
+    # Words distinguish instants if no camera lacks one; in a camera's own folder they are of its frames.
     telling = [
         column
         for column in ([] if full and not counters else rest)
@@ -245,9 +245,9 @@ def _names_takes(column: Row, counters: Sequence[Row] = ()) -> bool:
 
 
 def _evidence(camera: Row, *, serials: bool, still: bool) -> int:
-    """Return the evidence in a column's words that it tells cameras apart; `serials`: they may be theirs.
+    """Return the evidence in a column's words that it names cameras; `serials`: they may be theirs.
 
-    It is 4 for words of cameras, -4 for those of takes and instants, and 2 each for a folder, for words
+    It is 4 for words of cameras, -4 for words of takes and instants, and 2 each for a folder, for words
     without a digit, and for a number before a counter that stands `still`. It is -2 for another number
     with leading zeros.
     """

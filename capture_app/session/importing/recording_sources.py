@@ -194,7 +194,7 @@ def upright(data: bytes, suffix: str) -> bytes:
 
 
 class Half(Source):
-    """One of two views that lie side by side in each picture of a camera; a middle column is left out."""
+    """One of two views side by side in each picture of a camera; a middle column is left out."""
 
     def __init__(self, whole: Source, name: str, *, right: bool) -> None:
         self.name, self.path, self.kind, self.suffix = name, whole.path, whole.kind, whole.suffix
@@ -411,7 +411,7 @@ def exif_time_ns(path: Path, *, zoned: bool = False) -> int:
 
 
 def states_zone(path: Path) -> bool:
-    """Return whether a JPEG's EXIF states how far its time is ahead of UTC. Raises as `exif_time_ns`."""
+    """Return whether a JPEG's EXIF states its time zone. Raises as `exif_time_ns`."""
     return _OFFSET.fullmatch(_exif_of(path).offset) is not None
 
 
@@ -438,7 +438,7 @@ class Layout:
     timeline: Timeline | None = None
     """Times that the program stored."""
     times_of: str = ""
-    """What these are times of, if not those that the program means to store."""
+    """What these are times of, if not of what the program means to store."""
     timestamps: Sequence[tuple[str, Path]] = ()
     """Tables of those times, each with the name of its camera, or '' if it names the cameras."""
     same_frames: bool = False
@@ -446,7 +446,7 @@ class Layout:
     calibration: Path | None = None
     """The program's calibration of this recording."""
     beside: Path | None = None
-    """A calibration that lies beside the recording, used if it fits."""
+    """A calibration beside the recording, used if it fits."""
     views: Views | None = None
     """The calibration, if it is in the recording itself."""
     unit: str | None = None

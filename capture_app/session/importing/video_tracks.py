@@ -1,4 +1,4 @@
-"""Tracks of a video: its container, opened for those who read sound, dates or metadata."""
+"""Tracks of a video: its container, opened to read sound, dates or metadata."""
 
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager, suppress

@@ -54,7 +54,7 @@ class Views:
     """All cameras of a file by the file's own labels; `unit` is the format's, None if it has none."""
 
     cameras: Mapping[str, View | CameraCalibration]
-    """A file of ours has our cameras; those of other programs are converted, in one place."""
+    """A file of ours has our cameras; other programs' are converted, in one place."""
     source: str
     unit: str | None = None
     assumed_unit: str = "m"

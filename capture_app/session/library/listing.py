@@ -59,7 +59,7 @@ class SessionCard(Struct, frozen=True, kw_only=True):
     size_bytes: int = 0
     """Size of its images and videos; without a simulated take's ground truth."""
     missing: int = 0
-    """Number of missing images, those of absent cameras included."""
+    """Number of missing images, including absent cameras'."""
     loss: float = 0.0
     """Fraction of its frames that the camera lacks which lacks most, 0 to 1."""
     arriving: bool = False

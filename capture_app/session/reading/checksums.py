@@ -17,7 +17,7 @@ CHECKSUMS = "checksums.sha256"
 COVERED = (MANIFEST, JOURNAL, EVENTS, PLAN, CALIBRATION, TIMES, TRUE_TIMES_JOURNAL, RECIPE)
 
 REPLACED = (MANIFEST, PLAN, CALIBRATION, TIMES)
-"""Files that are written anew while late images arrive or after that; the others only grow."""
+"""Files that are written again while late images arrive or after that; the others only grow."""
 
 
 def write_checksums(folder: Path, manifest: bytes) -> Path:

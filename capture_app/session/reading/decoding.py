@@ -35,7 +35,7 @@ MAX_HEADER_BYTES = 1 << 24
 MAX_PIXELS = 1 << 28
 """Largest stored image that is decoded, px; no camera takes a larger one."""
 MAX_BLANK_PIXELS, MAX_PIXELS_A_BYTE = 1 << 25, 64
-"""Largest image of any file size that is decoded, px, and how many pixels a byte of a larger one may hold.
+"""Largest image of any file size that is decoded, px, and the number of pixels that a byte of a larger one may hold.
 
 A black PNG of MAX_PIXELS has 800 kB, and would take 1.5 GB. A photograph has up to ten pixels a byte.
 """
@@ -56,7 +56,7 @@ class Exif:
     orientation: int = UPRIGHT
     """EXIF orientation, 1 (already upright) to 8: the transform that shows the image upright."""
     offset: str = ""
-    """OffsetTimeOriginal, such as +02:00: how far the date is ahead of UTC."""
+    """OffsetTimeOriginal, such as +02:00: the zone of the date."""
 
 
 def read_exif(data: bytes) -> Exif:
@@ -193,7 +193,7 @@ def damage(data: bytes, size: Size) -> str:
 
 def _png(data: bytes) -> Size:
     width, height = struct.unpack_from(">II", data, 16)
-    # OpenCV takes the memory that a chunk claims: eight bytes a pixel at most, or those of a profile.
+    # OpenCV takes the memory that a chunk claims: eight bytes a pixel at most, or a profile's.
     if any(length > MAX_HEADER_BYTES + 8 * width * height for _, _, length in _chunks(data)):
         raise ValueError("a chunk is longer than the image")
     return width, height

@@ -51,7 +51,7 @@ if TYPE_CHECKING:
 INCOMING = "incoming"
 """Folder that marks a finished session as reopened, until its manifest is written again."""
 WritingState = Literal["being written", "interrupted", "finished", "reopened", "interrupted again"]
-"""What has become of a session's writing; all but the first two have a manifest.
+"""State of a session's writing; all but the first two have a manifest.
 
 A reopened session receives late images: files appear, and the journal and the lines of videos grow. Its
 manifest describes what was finished, until it is replaced.
@@ -232,7 +232,7 @@ def is_being_written(folder: Path) -> bool:
 
 
 def writing_state(folder: Path) -> WritingState:
-    """Return what has become of the writing of the session in a folder. Raises OSError."""
+    """Return the state of the writing of the session in a folder. Raises OSError."""
     # In the order in which a writer makes them: it may be doing so.
     is_marked, has_manifest = (folder / INCOMING).is_dir(), (folder / MANIFEST).is_file()
     if has_manifest and not is_marked:

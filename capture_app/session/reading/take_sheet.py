@@ -141,7 +141,7 @@ def contact_sheet(
 ) -> "Picture":
     """Draw a contact sheet: a column per camera, a row per instant, each image `width` px wide; returns BGR.
 
-    `instants` are the rows; None: those of `sheet_instants`. Raises BadInputError if the sheet would exceed
+    `instants` are the rows; None: `sheet_instants`. Raises BadInputError if the sheet would exceed
     100 megapixels, or 65,500 px on a side.
     """
     import cv2

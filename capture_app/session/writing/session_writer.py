@@ -234,7 +234,7 @@ class SessionWriter:
     def append(self, images: Sequence[StoredImage], *, in_videos: bool = False) -> None:
         """Write images, as `save` does; they are in the session after the next `sync` of their cameras.
 
-        Those that are here already are skipped. Raises DiskError, TryAgainError once the session is closed,
+        Frames that are here already are skipped. Raises DiskError, TryAgainError once the session is closed,
         and BadInputError if no session can contain one; of its camera, none is added then.
         """
         self._check_open()

@@ -463,7 +463,7 @@ RULES = (
     ),
     Rule(lambda one: one.options.times == "video", _by_videos, "unknown", lambda one: OWN_BEGINNING),
     Rule(lambda one: one.options.synchronized, _by_numbers, "given", lambda one: one.numbers, by_rate=True),
-    # What lies with the recording.
+    # What is beside the recording.
     Rule(
         lambda one: one.layout.timestamps,
         lambda one: timeline_by_tables(one.sources, one.layout.timestamps),

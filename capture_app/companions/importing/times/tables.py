@@ -325,7 +325,7 @@ def _fit(sources: Sequence[Source], tables: Sequence[Table], notes: list[str]) -
         f"{len(cameras[one.name])} of {len(one.numbers)} frames": one.label or one.name for one in sources
     }
     fits = "; ".join(counts if len(counts) == 1 else (f"{name}: {text}" for text, name in counts.items()))
-    # Only tables can tell whether their times are of one clock.
+    # Only tables can show whether their times are of one clock.
     firsts_ns = [min(frame.leader_ns for frame in frames) for frames in cameras.values()]
     why = ""
     if len({path for _, path in tables}) < len(tables):
@@ -367,10 +367,10 @@ def _of_cameras(paths: Sequence[Path], sources: Sequence[Source]) -> list[Table]
     stems = {_OF_TIMES.sub("", path.stem) or path.parent.name: path for path in paths}
     for own in ([Path(source.path.name).stem for source in sources], names):
         labels = pair_labels(stems, own)
-        # Two videos of one name do not tell which table is whose.
+        # Two videos of one name do not show which table is whose.
         if len(labels) == len(sources):
             return [(name, stems[labels[label]]) for name, label in zip(names, own, strict=True)]
-    # A table that lies alone in its camera's folder; in the deepest one, if there are several.
+    # A table alone in its camera's folder; in the deepest one, if there are several.
     folders = sorted({path.resolve().parent for path in paths}, key=lambda folder: len(folder.parts))
     inside = {folder: [path for path in paths if path.resolve().parent == folder] for folder in folders}
     of = {folder: [one.name for one in sources if folder in _with_parents(one.path)] for folder in folders}

@@ -166,7 +166,7 @@ class RequestStream:
         self._allocator = library.module.FrameBufferAllocator(camera)
         self._allocator.allocate(stream)
         self.requests: list[Any] = []
-        """All requests; those that are queued already cannot be affected by new settings."""
+        """All requests; new settings cannot affect ones that are queued already."""
         lengths: dict[int, int] = {}
         for buffer in self._allocator.buffers(stream):
             for plane in buffer.planes:

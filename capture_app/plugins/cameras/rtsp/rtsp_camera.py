@@ -208,7 +208,7 @@ class RtspCamera(ThreadedCamera):
         return sound.control if sound else ""
 
     def _hear(self, channel: int, data: bytes, arrival_ns: int) -> None:
-        """Take a packet of the sound, or its sender report; its times are as those of frames."""
+        """Take a packet of the sound, or its sender report; its times are like frame times."""
         clock = self._sound_clock
         if channel == 3:
             for ticks in reported_ticks(data):

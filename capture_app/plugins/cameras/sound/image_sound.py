@@ -47,7 +47,7 @@ def sound_segments(parts: Iterable[SoundPart]) -> bytes:
 
 
 def add_segments(jpeg: bytes, segments: bytes) -> bytes:
-    """Return the JPEG with segments after those that it begins with, such as EXIF; another file as it is."""
+    """Return the JPEG with segments after its first ones, such as EXIF; another file unchanged."""
     if not segments or not jpeg.startswith(JPEG_BEGIN):
         return jpeg
     at = _end_of_head(jpeg)

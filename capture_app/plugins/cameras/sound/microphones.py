@@ -56,7 +56,7 @@ class AlsaMicrophone:
 
     def listen(self, on_sound: OnSound, closing: threading.Event) -> None:
         """Record until `closing` is set; see `Microphone.listen`."""
-        # A pipe that nobody reads would fill with its words about overruns.
+        # An unread pipe would fill with its words about overruns.
         with tempfile.TemporaryFile() as words:
             child = subprocess.Popen(  # noqa: S603 - the device is one argument, and no shell reads it
                 self._command,

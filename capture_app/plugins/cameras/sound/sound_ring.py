@@ -54,10 +54,10 @@ class SoundRing:
             self._stream = secrets.randbits(32)
             self._clock = ArrivalClock()
             self._end = 0
-            """Number of samples in this stream, with those that were lost."""
+            """Number of samples in this stream, lost ones included."""
             self._late: list[_Late] = []
             self._carried: list[tuple[int, int]] = []
-            """Time of each encoded image, and the number of the sample after those that it carries."""
+            """Time of each encoded image, and the number of the sample after its last one."""
 
     def add(self, pcm: bytes, arrival_ns: int) -> None:
         """Add samples, the last of which was taken just before `arrival_ns` in the node's clock."""

@@ -23,7 +23,7 @@ _DEVICE_ENUMERATOR, _DEVICE_LISTS, _VIDEO_INPUTS, _PROPERTY_BAG = (
 )
 """CLSID_SystemDeviceEnum, IID_ICreateDevEnum, CLSID_VideoInputDeviceCategory, IID_IPropertyBag (uuids.h)."""
 _RELEASE, _FIRST, _BIND_TO_STORAGE = 2, 3, 9
-"""Places of methods in a COM object's table, after those of the interfaces that it inherits (objidl.h)."""
+"""Places of methods in a COM object's table, after the inherited interfaces' (objidl.h)."""
 
 
 def camera_names() -> dict[int, str]:
@@ -36,7 +36,7 @@ def camera_names() -> dict[int, str]:
 
 
 def video4linux_names(folder: Path = Path("/sys/class/video4linux")) -> dict[int, str]:
-    """Return the names of Linux's capture devices; the number is that of /dev/videoN.
+    """Return the names of Linux's capture devices; the number is N of /dev/videoN.
 
     A camera's further nodes, for metadata, have an `index` above 0 (ABI/testing/sysfs-class-video4linux).
     """

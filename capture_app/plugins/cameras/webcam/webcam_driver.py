@@ -2,7 +2,7 @@
 
 OpenCV is installed anyway, on all three. Its headless wheels leave out Media Foundation (opencv-python's
 setup.py), and it drops the timestamps of the other two. A frame's time is therefore its arrival, late by a
-delay that only a measurement can tell.
+delay that only a measurement shows.
 
 Video4Linux passes a camera's JPEGs on as they are. Windows and macOS decode them, so they are encoded again.
 """

@@ -144,7 +144,7 @@ def _search(folder: Path, cameras: Sequence[str]) -> tuple[dict[str, Path], list
         for path in folder.iterdir()
         if path.suffix.lower() in _SUFFIXES and (path.suffix != ".pickle" or path.name == _DEEPLABCUTS)
     )
-    # Beside OpenCV's files, a .mat is somebody's data.
+    # Beside OpenCV's files, a .mat is other data.
     files = [path for path in known if path.suffix.lower() != ".mat"] or known
     own: dict[str, Path] = {}
     if files and not any(

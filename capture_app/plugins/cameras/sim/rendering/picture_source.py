@@ -125,7 +125,7 @@ class SceneView(PictureSource):
         draft = self.scene.draft(min(1.0, width / self.width))
         row_time_ns = self.row_time_ns * self.height // draft.views[self.view].height
         image = draft.render(self.view, frame.start_true_ns, frame.exposure_ns, row_time_ns, seed=seed)
-        self.scene.prepare(self.view)  # whoever looks takes a picture soon
+        self.scene.prepare(self.view)  # a viewer takes a picture soon
         return image
 
     def ground_truth(self, frame: SensorFrame) -> GroundTruthArrays:

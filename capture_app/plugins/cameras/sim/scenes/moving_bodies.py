@@ -77,7 +77,7 @@ def joint(parent: Poses, at: tuple[float, float, float], rotation: Series) -> Po
 
 
 LimbTurns = dict[str, Series]
-"""Rotations (n, 3, 3) of one side's limbs against their parents; that of the shoe is against the world."""
+"""Rotations (n, 3, 3) of one side's limbs against their parents; the shoe's is against the world."""
 
 
 def child_poses(

@@ -91,7 +91,7 @@ def main() -> None:
     """Run the `reconstruct` command given by this process's arguments, and exit with its code."""
     system.end_as_interrupt()
     claim_output()
-    system.share_heaps(len(system.usable_cores()))
+    system.limit_heaps(len(system.usable_cores()))
     code = run(sys.argv[1:])
     if code == ExitCode.INTERRUPTED:
         # Cleanup is finished. A normal exit would wait for threads that still compute.

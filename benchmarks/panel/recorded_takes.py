@@ -10,9 +10,9 @@ import numpy as np
 
 from benchmarks.panel.photographs import SCREENS, draw_corners
 from benchmarks.simulated.panel_photographs import HandheldPhotograph
+from capture_app.companions.panel.cycle_code import Cycle
 from capture_app.companions.panel.panel_photograph import Image
 from capture_app.companions.panel.pattern import PANELS, Panel
-from capture_app.companions.panel.turn_code import Turn
 
 WIDTH, HEIGHT = 480, 360
 RATES_HZ = (24.0, 25.0, 30_000 / 1001, 30.0, 50.0, 60_000 / 1001, 60.0, 120.0, 240.0)
@@ -91,9 +91,9 @@ class Camera:
 
     def _photograph(self, true_ns: float, rng: np.random.Generator) -> Image:
         photograph = self.photograph
-        turn = int(true_ns * (1 + photograph.rate_error) / photograph.panel.cycle_ns)
+        cycle = int(true_ns * (1 + photograph.rate_error) / photograph.panel.cycle_ns)
         start_ns = true_ns - photograph.exposure_ns / 2 - (HEIGHT - 1) / 2 * photograph.row_time_ns
-        return replace(photograph, turn=Turn(turn, 11)).take(start_ns, rng)
+        return replace(photograph, cycle=Cycle(cycle, 11)).take(start_ns, rng)
 
 
 @dataclass(frozen=True, slots=True)

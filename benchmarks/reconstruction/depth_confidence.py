@@ -93,13 +93,13 @@ def judge(case: str, images: Mapping[str, InputImage], truth: Mapping[str, Array
     talk(f"{case}: {len(found)} maps")
     said, _ = measure_confidence(images, sources, found, checked, 0.0)
     parts = [
-        [part[known[n]] for part in (s.evidence, s.worth_px, np.asarray(s.turn_gain), said[n])]
+        [part[known[n]] for part in (s.evidence, s.worth_px, np.asarray(s.rotation_gain), said[n])]
         for n, s in supports.items()
     ]
-    evidence, worth_px, turn_gain, sure = map(np.concatenate, zip(*parts, strict=True))
+    evidence, worth_px, rotation_gain, sure = map(np.concatenate, zip(*parts, strict=True))
     return Judged(
         case,
-        DepthSupport(evidence, worth_px, len(images), turn_gain),
+        DepthSupport(evidence, worth_px, len(images), rotation_gain),
         sure.astype(np.float32),
         np.concatenate([right_depth(found[n].depth, truth[n])[known[n]] for n in known]),
         checked.error_px,

@@ -249,8 +249,8 @@ def board_options(command: Callable[..., Any]) -> Callable[..., Any]:
     def with_board(
         board: tuple[int, int], square_mm: float, marker_mm: float | None, dictionary: str, **others: Any
     ) -> Any:
-        usual_mm = round(DEFAULT_BOARD.marker_m / DEFAULT_BOARD.square_m * square_mm, 1)
-        marker_m = (usual_mm if marker_mm is None else marker_mm) / 1000
+        default_mm = round(DEFAULT_BOARD.marker_m / DEFAULT_BOARD.square_m * square_mm, 1)
+        marker_m = (default_mm if marker_mm is None else marker_mm) / 1000
         if dictionary.lower() == PLAIN:
             return command(board=Checkerboard(*board, square_mm / 1000), **others)
         return command(board=CharucoBoard(*board, square_mm / 1000, marker_m, dictionary), **others)

@@ -77,7 +77,7 @@ View = tuple[NDArray[Any], NDArray[Any]]
 """A board's pose in an image: its four outer corners as fractions of the diagonal, and its normal."""
 
 
-def _are_alike(view: View, other: View) -> bool:
+def _are_similar(view: View, other: View) -> bool:
     moved = float(np.linalg.norm(view[0] - other[0], axis=1).mean())
     turned = float(np.degrees(np.arccos(np.clip(view[1] @ other[1], -1, 1))))
     return moved < NEW_PLACE and turned < NEW_TILT_DEG
@@ -97,7 +97,7 @@ class _CameraCount:
         for counted in (self.corners, self.ninths):
             columns, rows = np.floor(inside * counted.shape[::-1]).astype(int).T
             np.add.at(counted, (rows, columns), 1)
-        if any(_are_alike(view, known) for known in self.views):
+        if any(_are_similar(view, known) for known in self.views):
             return False
         self.views.append(view)
         return True

@@ -10,7 +10,7 @@ from typing import Generic, TypeVar
 from capture_app.common import system
 
 F = TypeVar("F")
-PACE_NS, BUFFERED_FRACTION = 50_000_000, 0.25
+INTERVAL_NS, BUFFERED_FRACTION = 50_000_000, 0.25
 """Interval of the reads, each dearer than the frames that it takes; its maximum as a fraction
 of the time that the driver's buffers last."""
 BUDGET_NS = 4_000_000_000
@@ -34,7 +34,7 @@ class FrameReader(Generic[F]):
         `fail` gets the OSError of a `read`, which is the last one.
         """
         self._read, self._deliver, self._fail = read, deliver, fail
-        self._pace_s = min(PACE_NS, BUFFERED_FRACTION * buffers * period_ns) / 1e9
+        self._interval_s = min(INTERVAL_NS, BUFFERED_FRACTION * buffers * period_ns) / 1e9
         self._max_waiting = max(2, BUDGET_NS // period_ns)
         self._waiting: deque[F] = deque()
         self._stopped = threading.Event()
@@ -53,7 +53,7 @@ class FrameReader(Generic[F]):
     def _run(self) -> None:
         system.raise_thread_priority()
         error = None
-        while error is None and not self._stopped.wait(self._pace_s):
+        while error is None and not self._stopped.wait(self._interval_s):
             if len(self._waiting) < self._max_waiting:
                 try:
                     self._waiting.extend(self._read())

@@ -129,7 +129,7 @@ async def capture(
 def measure_sync_errors(session: "Session") -> list[dict[str, Any]]:
     """Return each camera's errors (ns) at its worst image in a simulated session, against the ground truth.
 
-    The clock error is the error of the timestamp's estimated leader time, the phase error the frame's recorded
+    The clock error is of the timestamp's estimated leader time, the phase error the frame's recorded
     leader time minus its planned time, and the total error the frame's true start minus that time: its
     instant, and in a staggered rig its camera's delay. The leader's clock is the host's, which is the true
     time. Raises BadInputError where the session has no ground truth.

@@ -121,7 +121,7 @@ def leader(
 
     source = click.get_current_context().get_parameter_source("port")
     or_free_port = log is not None and source is ParameterSource.DEFAULT
-    news = Log(log_line, record=_print_event if as_json else None)
+    events = Log(log_line, record=_print_event if as_json else None)
 
     def make_options() -> LeaderOptions:
         return LeaderOptions(
@@ -133,7 +133,7 @@ def leader(
             align_row=align_row,
             stagger=stagger,
             followers=make_followers(of_followers),
-            log=news,
+            log=events,
             spool=spool,
         )
 

@@ -38,9 +38,11 @@ class RuledCommand(click.Command):
         # A rule that may choose a value stands before the others about this value.
         for rule in () if ctx.resilient_parsing else self.rules:
             typed = [name for name in rule.options.split() if _is_given(ctx, named.get(name))]
-            ways = rule.alternatives.split()
-            if (typed or not rule.options) and not any(_holds(ctx, named, way) for way in ways):
-                name, _, values = ways[0].partition("=")
+            alternatives = rule.alternatives.split()
+            if (typed or not rule.options) and not any(
+                _holds(ctx, named, alternative) for alternative in alternatives
+            ):
+                name, _, values = alternatives[0].partition("=")
                 if not values or name[0] == "!" or _is_given(ctx, named.get(name)):
                     raise click.UsageError(_sentence(rule, "".join(typed[:1])), ctx)
                 ctx.params[named[name].name or ""] = values.partition("|")[0]
@@ -51,29 +53,29 @@ def _is_given(ctx: click.Context, param: click.Parameter | None) -> bool:
     return param is not None and ctx.get_parameter_source(param.name or "") is ParameterSource.COMMANDLINE
 
 
-def _holds(ctx: click.Context, named: Mapping[str, click.Parameter], way: str) -> bool:
-    name, _, values = way.lstrip("!").partition("=")
+def _holds(ctx: click.Context, named: Mapping[str, click.Parameter], alternative: str) -> bool:
+    name, _, values = alternative.lstrip("!").partition("=")
     value = ctx.params.get(getattr(named.get(name), "name", ""), True)
     texts = {str(item).casefold().removesuffix(".0") for item in (value if type(value) is tuple else [value])}
     return (
         not texts.isdisjoint(values.split("|"))
         if values
         else _is_given(ctx, named.get(name)) and value is not False
-    ) is not way.startswith("!")
+    ) is not alternative.startswith("!")
 
 
 def _sentence(rule: Rule, typed: str) -> str:
     """Return the error of a broken rule, of which the option `typed` was given."""
-    ways = rule.alternatives.split()
-    without = _either([_words(way[1:]) for way in ways if way[0] == "!"])
-    beside = _either([_words(way) for way in ways if way[0] != "!"])
+    alternatives = rule.alternatives.split()
+    without = _either([_words(alternative[1:]) for alternative in alternatives if alternative[0] == "!"])
+    beside = _either([_words(alternative) for alternative in alternatives if alternative[0] != "!"])
     needs = f"{typed} needs {beside}" if typed else f"give {beside}"
     refuses = f"{typed} does not work with {without}{beside and f', except with {beside}'}"
     return f"{refuses if without else needs}{rule.hint}"
 
 
-def _words(way: str) -> str:
-    name, _, values = way.partition("=")
+def _words(alternative: str) -> str:
+    name, _, values = alternative.partition("=")
     return f"{name if name[0] == '-' else name.upper()} {_either(values.split('|'))}".strip()
 
 

@@ -155,7 +155,7 @@ class LeaderBrowser(AbstractAsyncContextManager["LeaderBrowser"]):
         await self._stop()
 
     async def refresh(self) -> None:
-        """Listen, from now on or again if this machine's addresses have changed, as when a network came up."""
+        """Listen, from now on or again if its addresses have changed, as when a network came up."""
         hosts = own_hosts(socket.AF_INET)
         if hosts == self._hosts:
             return
@@ -217,7 +217,7 @@ async def search_leaders(
 
     A leader on this machine, at one of the addresses `own`, is returned alone. So is, of the others, the one
     that was followed last: `followed` has the addresses of each, by its key. Otherwise, if `trust` (default:
-    this user's) knows some of the answering ones, only these are returned. `report` gets a sentence about what
+    this user's) knows some of them, only these are returned. `report` gets a sentence about what
     prevents a connection, whenever that changes.
     """
     began_s, said, trust = system.monotonic_s(), "", trust or Trust.of_user()

@@ -227,9 +227,11 @@ class KnownMachines:
                 f"{'more than one' if machines else 'no'} machine here is called {which!r}",
                 hint="see capture-app trust list",
             )
-        gone = machines[0].pin
+        oldest = machines[0].pin
         self._file.change(
-            lambda known: tuple(machine for machine in known if gone not in (machine.pin, machine.vouched_by))
+            lambda known: tuple(
+                machine for machine in known if oldest not in (machine.pin, machine.vouched_by)
+            )
         )
         return machines[0]
 

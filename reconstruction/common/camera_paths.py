@@ -106,11 +106,11 @@ def swing(views: Mapping[str, View], subject: Array, frames: int) -> list[View]:
 
 def orbit(views: Mapping[str, View], subject: Array, frames: int) -> list[View]:
     """Return views on an ellipse within the rig, or once along all cameras that stand around the subject."""
-    turn = np.arange(frames) / frames
+    fractions = np.arange(frames) / frames
     frame = frame_of(views, subject)
     if _stand_around(views, subject):
-        return _looking_from(views, frame, _through_cameras(views, turn))
-    angles = 2 * np.pi * turn
+        return _looking_from(views, frame, _through_cameras(views, fractions))
+    angles = 2 * np.pi * fractions
     return _looking_from(views, frame, [frame.place(0.8 * np.cos(t), 0.8 * np.sin(t)) for t in angles])
 
 

@@ -310,11 +310,11 @@ def _measure_timing(context: Context, studies: Mapping[str, Score]) -> dict[str,
         if len(context.scene.views) > 2:
             fields["rig_timing"] = rig.result()
             if study:
-                fields["timing"] = _told_of_the_odd_one(offsets, fields["timing"], rig.result().reference)
+                fields["timing"] = _naming_the_odd_one(offsets, fields["timing"], rig.result().reference)
     return fields
 
 
-def _told_of_the_odd_one(offsets: PairOffsets, timing: Timing, reference: str) -> Timing:
+def _naming_the_odd_one(offsets: PairOffsets, timing: Timing, reference: str) -> Timing:
     """Return a pair's judgement, of its first camera if the second is the rig's reference."""
     if timing.other != reference or not timing.offset or timing.by_depth or timing.late_ms is None:
         return timing

@@ -18,7 +18,7 @@ MIN_FRACTION = 0.15
 """Fraction of the pictures below which pixels without depth are holes in surfaces, not a backdrop."""
 BEYOND = 2.0
 """Radius of the backdrop, relative to the distance of the farthest camera or point from the subject."""
-FARTHEST = 99
+FAR_PERCENTILE = 99
 """Percentile of the points' distances from the subject that counts as the farthest."""
 CELLS = 96
 """Number of cells across the narrowest camera's picture."""
@@ -48,12 +48,12 @@ def find_backdrop(moment: Moment) -> Backdrop | None:
     if np.mean([pixels.mean() for pixels in empty.values()]) < MIN_FRACTION:
         return None
     centre = find_subject(moment)
-    away = [np.array([np.linalg.norm(seen.view.centre - centre) for seen in small.values()])]
+    distances = [np.array([np.linalg.norm(seen.view.centre - centre) for seen in small.values()])]
     for seen in small.values():
         y, x = np.nonzero(seen.depth)
         points = seen.view.unproject(np.column_stack([x, y]), seen.depth[y, x].astype(float))
-        away.append(np.percentile(np.linalg.norm(points - centre, axis=1), [FARTHEST]))
-    radius = BEYOND * float(np.concatenate(away).max())
+        distances.append(np.percentile(np.linalg.norm(points - centre, axis=1), [FAR_PERCENTILE]))
+    radius = BEYOND * float(np.concatenate(distances).max())
     narrowest = min(2 * np.arctan(seen.view.width / 2 / seen.view.focal) for seen in small.values())
     height = round(np.clip(2 * np.pi / narrowest * CELLS, MIN_CELLS, MAX_CELLS) / 16) * 8
     sums, counts = np.zeros((2 * height * height, 3)), np.zeros(2 * height * height)

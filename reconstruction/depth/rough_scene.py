@@ -123,8 +123,8 @@ def _confirmed_points(
 def _shared_points(
     name: str, views: Mapping[str, View], points: Mapping[str, Array], neighbours: Sequence[str]
 ) -> Array:
-    theirs = (points[other] for other in neighbours if other in points)
-    return np.concatenate([points[name], *(p[seen_points(views[name], views[name], p)[0]] for p in theirs)])
+    others = (points[other] for other in neighbours if other in points)
+    return np.concatenate([points[name], *(p[seen_points(views[name], views[name], p)[0]] for p in others)])
 
 
 def _depth_range(view: View, points: Array) -> tuple[float, float]:

@@ -49,8 +49,8 @@ class SeenView:
 
     def within(self, mask: Array) -> "SeenView":
         """Return the view black and without depth outside a mask (bool), which may have another size."""
-        kept = cv2.resize(mask.astype(np.uint8), self.depth.shape[::-1], interpolation=cv2.INTER_NEAREST)
-        return replace(self, colours=self.colours * kept[..., None], depth=self.depth * kept)
+        inside = cv2.resize(mask.astype(np.uint8), self.depth.shape[::-1], interpolation=cv2.INTER_NEAREST)
+        return replace(self, colours=self.colours * inside[..., None], depth=self.depth * inside)
 
 
 Moment = Mapping[str, SeenView]

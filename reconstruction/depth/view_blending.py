@@ -24,7 +24,7 @@ UNSURE = 0.1
 """Weight of a camera whose own map has no depth at the surface."""
 FAR_FIRST = 4
 """Power of the depth by which a known pixel counts where others are filled from it."""
-MIN_SHARE = 0.05
+MIN_WEIGHT = 0.05
 """Weight of a neighbourhood below which larger ones take part."""
 BAND_ROWS = 60
 
@@ -115,8 +115,8 @@ def fill(colours: Array, depth: Array) -> Array:
     filled = sums / np.maximum(weights, 1e-6)[..., None]
     for sums, weights in levels[-2::-1]:
         around = cv2.pyrUp(filled, dstsize=sums.shape[1::-1])
-        share = (weights / np.maximum(weights, MIN_SHARE))[..., None]
-        filled = share * sums / np.maximum(weights, 1e-6)[..., None] + (1 - share) * around
+        fraction = (weights / np.maximum(weights, MIN_WEIGHT))[..., None]
+        filled = fraction * sums / np.maximum(weights, 1e-6)[..., None] + (1 - fraction) * around
     filled = np.where(depth[..., None] > 0, colours, filled)
     return np.asarray(np.clip(np.rint(filled), 0, 255), np.uint8)
 
@@ -130,5 +130,5 @@ def _seen_from(view: View, seen: SeenView, held: tuple[Array, Array]) -> _SeenFr
 def _pixels_to_pixels(first: View, second: View) -> Array:
     """Return what maps a pixel times its depth from one view to another: 3 x 3, then the shift, (12,)."""
     rotation, translation = other_from_reference(first, second)
-    turn = second.matrix @ rotation @ np.linalg.inv(first.matrix)
-    return np.array([*turn.ravel(), *(second.matrix @ translation)])
+    homography = second.matrix @ rotation @ np.linalg.inv(first.matrix)
+    return np.array([*homography.ravel(), *(second.matrix @ translation)])

@@ -184,8 +184,8 @@ def steady_pairs(
 
 def most_together(names: Sequence[str], steady: Mapping[tuple[str, str], float], period_ms: float) -> str:
     """Return the first of the cameras that steady pairs without offset join to the most others."""
-    alike = [pair for pair, late_ms in steady.items() if abs(late_ms) <= SURE_FRAMES * period_ms]
-    return max(names, key=lambda name: len(joined_to(name, alike)))
+    equal = [pair for pair, late_ms in steady.items() if abs(late_ms) <= SURE_FRAMES * period_ms]
+    return max(names, key=lambda name: len(joined_to(name, equal)))
 
 
 def judge_timing(
@@ -302,9 +302,9 @@ def _max_jitter_ms(instants: Sequence[InstantOffset], late_ms: float) -> float:
     scatter = np.array([instant.late_ms - late_ms for instant in instants]) ** 2
     # The 5 % quantile of chi-squared (Wilson and Hilferty 1931).
     part = 2 / (9 * len(instants))
-    least = len(instants) * (1 - part - 1.64 * np.sqrt(part)) ** 3
+    min_count = len(instants) * (1 - part - 1.64 * np.sqrt(part)) ** 3
     jitters = np.linspace(0, 3 * np.sqrt(scatter.max() + variances.max()), 200)
-    possible = np.minimum(scatter / (variances + jitters[:, None] ** 2), 4).sum(1) >= least
+    possible = np.minimum(scatter / (variances + jitters[:, None] ** 2), 4).sum(1) >= min_count
     return float(jitters[possible].max(initial=0.0))
 
 
@@ -370,18 +370,18 @@ def with_depth_runs(timing: Timing, peaks_ms: Mapping[int, float], spacing_ms: f
     measured offset, a change of it and a certificate by motion remain.
     """
     instants, offsets_ms = [*peaks_ms], [*peaks_ms.values()]
-    most_ms = min(multimode(offsets_ms), default=0.0)
+    mode_ms = min(multimode(offsets_ms), default=0.0)
     runs = [[*run] for _, run in groupby(range(len(offsets_ms)), key=offsets_ms.__getitem__)]
     ends = {0, len(instants) - 1} if timing.same_frame_ms is None else set()
     odd = [
         [instants[k] for k in run]
         for run in runs
-        if (len(run) > 1 or ends & {*run}) and abs(offsets_ms[run[0]] - most_ms) > spacing_ms / 2
+        if (len(run) > 1 or ends & {*run}) and abs(offsets_ms[run[0]] - mode_ms) > spacing_ms / 2
     ]
     if timing.offset or timing.synchronized or timing.misfit_px is not None or not odd:
         return timing
     where = [f"{_paired(peaks_ms[run[0]])} at {_instants(run)}" for run in odd]
-    reason = f"depth is found best {', '.join(where)}, and {_paired(most_ms)} at most others"
+    reason = f"depth is found best {', '.join(where)}, and {_paired(mode_ms)} at most others"
     disagreeing = {*timing.disagreeing, *(k for run in odd for k in run)}
     return structs.replace(_denied(timing, reason), disagreeing=tuple(sorted(disagreeing)))
 

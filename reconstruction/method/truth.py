@@ -54,7 +54,7 @@ def depth_shares(depth: Array, truth: Array, moving: Array) -> dict[str, float |
         "mover_coverage": float(there[on_moving].mean()) if on_moving.any() else None,
         "median_error_pct": 100 * float(np.median(error)) if error.size else None,
     }
-    return {name: None if share is None else round(share, 4) for name, share in shares.items()}
+    return {name: None if fraction is None else round(fraction, 4) for name, fraction in shares.items()}
 
 
 def true_depth_in_unit(truth: Array, unit: str, still: Array, static: Array) -> Array | None:

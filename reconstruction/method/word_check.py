@@ -34,8 +34,8 @@ def check_words(score: type[Score], facts: Any = None) -> None:
     try:
         for study, result in _results(score, facts):
             placeholders = score.placeholders(study)
-            for told in texts:
-                told.format(**placeholders)
+            for sentence in texts:
+                sentence.format(**placeholders)
             for say in (score.verdict, score.as_recorded, score.control_sentence):
                 say(result, study)
     except Exception as error:

@@ -14,7 +14,7 @@ from reconstruction.method.study_result import StudyResult
 from reconstruction.method.tally import CONDITIONS
 from reconstruction.method.timing import SessionTiming, Timing
 from reconstruction.method.words import Claim
-from reconstruction.scene.calibration.consistency import INACCURATE_PX, describe_misfit
+from reconstruction.scene.calibration.consistency import INACCURATE_PX, describe_residual
 
 VAGUE_FRACTION = 0.6
 """Width of a fraction's 95 % interval from which it is no headline."""
@@ -108,7 +108,7 @@ def verdict(result: CompareResult) -> str:
         late=late_text(result),
         rig=rig_sentence(result.rig_timing, result.timing) if result.rig_timing is not None else "",
         guess=result.lenses.text if result.lenses.is_guess else "",
-        misfit=_misfit_sentence(result),
+        misfit=_residual_sentence(result),
         skipped=[
             f"{study_reports()[study.name].text.subject} ({study.skipped})"
             for study in result.studies
@@ -123,12 +123,12 @@ def _believed(result: CompareResult) -> list[tuple[type[Score], StudyResult[Any]
     return [made for made in reported(result) if not (result.lenses.doubt() and made[0].needs_calibration)]
 
 
-def _misfit_sentence(result: CompareResult) -> str:
+def _residual_sentence(result: CompareResult) -> str:
     """Return a sentence on a calibration that points at rest do not fit; empty if they do."""
     px = result.rest_error_px
     if px is None or px < INACCURATE_PX or result.lenses.doubt():
         return ""
-    text = describe_misfit(px, result.rest_points, "calibrate the rig again")
+    text = describe_residual(px, result.rest_points, "calibrate the rig again")
     return f"{text[0].upper()}{text[1:]}."
 
 

@@ -76,7 +76,7 @@ class CalibrationSource(StrEnum):
     BOARD = "board"
     CHARUCO = "charuco"
     """Another name of `BOARD`."""
-    KEPT = "kept"
+    STORED = "kept"
 
     @classmethod
     def named(cls, text: str) -> "CalibrationSource | Path":
@@ -313,11 +313,11 @@ def _refuse_other_board(dataset: Dataset, board: Board) -> None:
         return
     # A board that is partly hidden seems smaller: the shape of most images counts, of these the largest.
     (across, down), times = max(shapes.items(), key=lambda one: (one[1], one[0][0] * one[0][1]))
-    alike = "it looks the same from all four sides: use one with more squares one way"
+    symmetric = "it looks the same from all four sides: use one with more squares one way"
     raise BadInputError(
         f"{count(times, 'image')} of {dataset.name} show a board without markers of {across}x{down} squares, "
         f"not {'one with markers' if board.shape == f'{across}x{down}' else board.shape}",
-        hint=alike if across == down else f"--dictionary {PLAIN} --board {across}x{down}",
+        hint=symmetric if across == down else f"--dictionary {PLAIN} --board {across}x{down}",
     )
 
 
@@ -327,7 +327,7 @@ def _from_elsewhere(scene: Scene, source: CalibrationSource | Path) -> _Candidat
     if source is CalibrationSource.SESSION:
         if (calibration := dataset.session.calibration()) is None:
             raise BadInputError(f"{dataset.name} has no calibration of its own", hint="--from sfm finds one")
-    elif source is CalibrationSource.KEPT:
+    elif source is CalibrationSource.STORED:
         if (stored := find_calibration(camera_modes(dataset))) is None:
             modes = (f"{name} {of.width}x{of.height}" for name, of in sorted(camera_modes(dataset).items()))
             raise BadInputError(
@@ -355,15 +355,15 @@ def read_calibration(dataset: Dataset, path: Path) -> Calibration:
     (other,) = _opened([path])
     if (calibration := other.session.calibration()) is None:
         raise BadInputError(f"{path} has no calibration to give", hint="reconstruct calibrate it first")
-    ours, theirs = camera_modes(dataset), camera_modes(other)
+    ours, others = camera_modes(dataset), camera_modes(other)
     # Imports know no modes: of images and videos of one size, the background decides whether they are alike.
     imported = any(one.session.manifest.origin == "imported" for one in (dataset, other))
-    for name in ours.keys() & theirs.keys():
-        alike = imported and dataset.size_on_disk(name) == other.size_on_disk(name)
-        if not alike and ours[name] != theirs[name]:
+    for name in ours.keys() & others.keys():
+        same_files = imported and dataset.size_on_disk(name) == other.size_on_disk(name)
+        if not same_files and ours[name] != others[name]:
             what = ", ".join(
                 f"{mode.model} {mode.width}x{mode.height} in {where.name}"
-                for where, mode in ((dataset, ours[name]), (other, theirs[name]))
+                for where, mode in ((dataset, ours[name]), (other, others[name]))
             )
             raise BadInputError(
                 f"{name} is not the same camera in the same mode: {what}",

@@ -279,7 +279,7 @@ def choose_panorama_pair(points: Mapping[str, Features], sizes: Mapping[str, tup
         best = max(scores, key=scores.__getitem__)
         return PairChoice(best, f"{100 * pairs[best][0]:.0f} % overlap")
     if pairs:
-        least = 100 * min(overlap for overlap, _ in pairs.values())
-        why = f"the cameras show too much of the same ({least:.0f} % or more) for a panorama"
+        shared_pct = 100 * min(overlap for overlap, _ in pairs.values())
+        why = f"the cameras show too much of the same ({shared_pct:.0f} % or more) for a panorama"
         return PairChoice(None, f"{why} to show anything new")
     return PairChoice(None, "no two cameras' pictures can be laid over each other")

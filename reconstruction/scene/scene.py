@@ -227,4 +227,4 @@ class Scene:
             for c, pixels in there.items()
             if pixels
         }
-        return max((float(np.mean(share)) for share in shares.values()), default=0.0)
+        return max((float(np.mean(fraction)) for fraction in shares.values()), default=0.0)

@@ -136,6 +136,6 @@ def read_app_phone(data: bytes, folder: Path) -> None:
             datagram = ANSWER.pack(now_ns - 9000, 0, 0)[:8] + datagram[:16].ljust(16, b"\0")
         leader.datagram_received(datagram, host)
     for _ in range(7):
-        leader.tell_time()
+        leader.send_time()
         now_ns += 10**9
     assert leader.phones == {}

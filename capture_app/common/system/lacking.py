@@ -12,7 +12,7 @@ def raise_thread_priority() -> None:
     """Do nothing: macOS ranks processes only, and Windows hurries threads that have waited."""
 
 
-def share_heaps(heaps: int) -> None:
+def limit_heaps(heaps: int) -> None:
     """Do nothing: all threads share one heap."""
 
 

@@ -106,7 +106,7 @@ def machine_memory() -> int:
     return half_of_memory()
 
 
-def share_heaps(heaps: int) -> None:
+def limit_heaps(heaps: int) -> None:
     """Let this process's threads share so many heaps, before any thread starts; only glibc has several.
 
     By default every new thread gets its own, up to eight a core, and each holds what was freed in it.

@@ -200,10 +200,10 @@ def address_space() -> int:
     return NO_LIMIT if limit == resource.RLIM_INFINITY else limit
 
 
-def allow_open_files(wanted: int) -> int:
+def allow_open_files(count: int) -> int:
     """Raise this process's limit of open files and sockets, and return the limit."""
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
-    if 0 <= soft < wanted:
+    if 0 <= soft < count:
         with suppress(OSError, ValueError):
-            resource.setrlimit(resource.RLIMIT_NOFILE, (min(wanted, hard % NO_LIMIT), hard))
+            resource.setrlimit(resource.RLIMIT_NOFILE, (min(count, hard % NO_LIMIT), hard))
     return resource.getrlimit(resource.RLIMIT_NOFILE)[0] % NO_LIMIT

@@ -291,6 +291,6 @@ def address_space() -> int:
     return NO_LIMIT
 
 
-def allow_open_files(wanted: int) -> int:
+def allow_open_files(count: int) -> int:
     """Return NO_LIMIT: Windows does not limit a process's files and sockets."""
     return NO_LIMIT

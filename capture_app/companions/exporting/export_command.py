@@ -122,10 +122,10 @@ def export(session: Path, name: str, out: Path, as_json: bool, **chosen: Any) ->
 
     restrict_file_access()
     given = {option: value for option, value in chosen.items() if value is not None and value is not False}
-    told: list[str] = []
+    warned: list[str] = []
 
     def warn(note: str) -> None:
-        told.append(note)
+        warned.append(note)
         talk(note)
 
     burst = export_session(Session.open(session), name, out, show_count("images"), warn, **given)
@@ -135,5 +135,5 @@ def export(session: Path, name: str, out: Path, as_json: bool, **chosen: Any) ->
         [str(out)],
     )
     for note in burst.notes:
-        if note not in told:
+        if note not in warned:
             talk(note)

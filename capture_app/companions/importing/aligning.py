@@ -123,7 +123,7 @@ def _measure(
     }
     cameras = _largest_chain(
         [source.name for source in videos],
-        lambda first, second: _most_accurate(first, second, measured, methods, trusting=by != "auto"),
+        lambda first, second: _best_measured(first, second, measured, methods, trusting=by != "auto"),
     )
     labels = labels_of(videos)
     said = {
@@ -203,9 +203,13 @@ def _describe(
     by_reason: dict[str, list[str]] = {}
     for name in others:
         text = (times := against(first, name)).reason
-        if times.offset_ns is not None and cameras[name].offset_ns is None and (doubt := method.doubt(times)):
+        if (
+            times.offset_ns is not None
+            and cameras[name].offset_ns is None
+            and (question := method.doubt(times))
+        ):
             text = (
-                f"{times.offset_ns / 1e6:+.0f} ms, which nothing confirms: {doubt} "
+                f"{times.offset_ns / 1e6:+.0f} ms, which nothing confirms: {question} "
                 f"(if it is right: --align {name_of_method})"
             )
         elif times.offset_ns is not None:
@@ -222,7 +226,7 @@ def _describe(
     return "; ".join(f"{', '.join(names)}: {text}" for text, names in by_reason.items())
 
 
-def _most_accurate(
+def _best_measured(
     first: str,
     second: str,
     measured: Mapping[str, Against],

@@ -93,7 +93,7 @@ def _by_clocks(
     names: tuple[str, str], first: Sequence[Clip], clips: Sequence[Clip], heard: Heard
 ) -> tuple[Pairs, str]:
     """Pair clips by their dates, or by a constant difference of the clocks that pairs all of them."""
-    fewest = min(len(first), len(clips))
+    min_count = min(len(first), len(clips))
     straight = _at_difference(first, clips, 0.0)
     # A difference that pairs all clips pairs the first one of the camera with fewer.
     anchor = min(first, clips, key=len)[0]
@@ -102,8 +102,8 @@ def _by_clocks(
         ((other.began_s or 0.0) - (first_clip.began_s or 0.0) for first_clip, other in pairs), key=abs
     )
     shifted = {tuple(_at_difference(first, clips, by_s)): by_s for by_s in reversed(later_s)}
-    complete = {pairs: by_s for pairs, by_s in shifted.items() if len(pairs) == fewest}
-    if len(straight) == fewest or not complete:
+    complete = {pairs: by_s for pairs, by_s in shifted.items() if len(pairs) == min_count}
+    if len(straight) == min_count or not complete:
         return straight, ""
     possible = {**complete, **({straight: 0.0} if straight else {})}
     scores = {

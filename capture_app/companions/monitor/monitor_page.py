@@ -118,7 +118,7 @@ class MonitorFeed:
             await self._want_previews()
 
     async def look_closely(self, camera: str) -> None:
-        """Request larger pictures of a camera, until cancelled; they come with the other cameras' pictures."""
+        """Request larger pictures of a camera, until cancelled; they come with the others' pictures."""
         link = self._link.another()
         await link.want_previews(cameras=(camera,), width=CLOSE_WIDTH_PX, fps=FPS)
         async with contextlib.aclosing(link.updates()) as updates:

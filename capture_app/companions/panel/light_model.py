@@ -137,8 +137,8 @@ class LightModel:
         exposure_ns = shutter.exposure_ns
 
         def lit_until(time: Floats) -> Floats:
-            turns = np.floor(time / period)
-            return np.asarray(turns * lit + np.minimum(time - turns * period, lit))
+            cycles = np.floor(time / period)
+            return np.asarray(cycles * lit + np.minimum(time - cycles * period, lit))
 
         lit_ns = np.zeros((len(middle_ns), len(start)))
         for line_later_ns in later_ns:
@@ -186,7 +186,7 @@ class LightModel:
         per_offset, per_fraction = weight.sum(axis=1) + prior, weighted.sum(axis=1)
         square = (weighted * shares).sum(axis=1)
         root = np.maximum(per_offset * square - per_fraction**2, 1e-9 * per_offset * square + 1e-12)
-        deviation, spread = np.sqrt(variance), 0.5 * np.log(variance).sum(axis=1)
+        deviation, log_deviation = np.sqrt(variance), 0.5 * np.log(variance).sum(axis=1)
         likelihoods, misfits = [], []
         for tone in tones:
             light = self._toned_light(lamp_light, float(tone))
@@ -197,7 +197,7 @@ class LightModel:
             # A saturated lamp gives only a lower limit on its light.
             residual[:, self.saturated] = np.maximum(residual[:, self.saturated], 0.0)
             z = residual / deviation
-            law = (_FREEDOM + 1) / 2 * np.log1p(z**2 / _FREEDOM).sum(axis=1) + spread
+            law = (_FREEDOM + 1) / 2 * np.log1p(z**2 / _FREEDOM).sum(axis=1) + log_deviation
             likelihoods.append(-law - 0.5 * prior * off**2 - 0.5 * ((tone - 1) / _TONE_SIGMA) ** 2)
             misfits.append(z)
         scores = np.stack(likelihoods)

@@ -16,6 +16,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from capture_app.companions.panel.cycle_code import Cycle, cell_places, encode_cycle
 from capture_app.companions.panel.finder import Floats
 from capture_app.companions.panel.pattern import (
     MARKER_MODULES,
@@ -24,7 +25,6 @@ from capture_app.companions.panel.pattern import (
     Panel,
     marker_squares,
 )
-from capture_app.companions.panel.turn_code import Turn, cell_places, encode_turn
 
 Image = NDArray[np.uint8]
 Corners = tuple[tuple[float, float], ...]
@@ -56,7 +56,7 @@ def see_panel(
     corners: Corners,
     distortion: float,
     hidden: tuple[int, ...],
-    turn: Turn | None = None,
+    cycle: Cycle | None = None,
 ) -> tuple[Floats, NDArray[np.int64], Floats]:
     """Trace every pixel's rays back through the lens onto the panel.
 
@@ -71,7 +71,7 @@ def see_panel(
     for dy, dx in product(offsets, offsets):
         x, y = _trace(panel, width, height, corners, distortion, float(dx), float(dy))
         which, profile = _lamp_at(panel, x, y)
-        still += weight * np.where(which >= 0, _LENS_RING, _surface(panel, x, y, hidden, turn))
+        still += weight * np.where(which >= 0, _LENS_RING, _surface(panel, x, y, hidden, cycle))
         rows, columns = np.nonzero(which >= 0)
         samples.append((np.stack([which[rows, columns], rows, columns]), weight * profile[rows, columns]))
     places, weights = np.concatenate([f[0] for f in samples], axis=1), np.concatenate([f[1] for f in samples])
@@ -94,12 +94,12 @@ def _trace(
     return ends[..., 0], ends[..., 1]
 
 
-def _surface(panel: Panel, x: Floats, y: Floats, hidden: tuple[int, ...], turn: Turn | None) -> Floats:
+def _surface(panel: Panel, x: Floats, y: Floats, hidden: tuple[int, ...], cycle: Cycle | None) -> Floats:
     """Return the light reflected by points of the panel and of the wall around it."""
     light = np.where(_is_on(panel, x, y), _WHITE, _WALL)
     for left, top, width, height in panel.dark:
         light[(x > left) & (x < left + width) & (y > top) & (y < top + height)] = _GROUND
-    cells = zip(cell_places(panel), () if turn is None else encode_turn(turn), strict=turn is not None)
+    cells = zip(cell_places(panel), () if cycle is None else encode_cycle(cycle), strict=cycle is not None)
     for (left, top), _ in (cell for cell in cells if cell[1]):
         light[(x > left) & (x < left + 1) & (y > top) & (y < top + 1)] = _BLACK
     for corner, (number, left, top) in enumerate(panel.markers):
@@ -131,9 +131,9 @@ def _lamp_at(panel: Panel, x: Floats, y: Floats) -> tuple[NDArray[np.int64], Flo
         number = lattice[np.floor(2 * x).astype(int) + di, np.floor(2 * y).astype(int) + dj]
         across, down = (x - places[number, 0]) / size, (y - places[number, 1]) / size
         distance_squared = across**2 + down**2
-        away = np.maximum(np.abs(across), np.abs(down)) if panel.is_screen else distance_squared
+        distances = np.maximum(np.abs(across), np.abs(down)) if panel.is_screen else distance_squared
         bright = np.ones(len(x)) if panel.is_screen else 1.3 - 0.6 * distance_squared
-        inside = (away < 1) & (number >= 0)
+        inside = (distances < 1) & (number >= 0)
         best[inside], shape[inside] = number[inside], bright[inside]
     which[rows, columns], profile[rows, columns] = best, shape
     return which, profile
@@ -167,8 +167,8 @@ class Photograph:
     read_noise: float = 4.0
     hidden: tuple[int, ...] = ()
     """Corners whose markers are covered."""
-    turn: Turn | None = None
-    """Turn that a screen's code shows; None: a page without a code."""
+    cycle: Cycle | None = None
+    """Cycle that a screen's code shows; None: a page without a code."""
 
     def take(self, start_ns: float, rng: np.random.Generator) -> Image:
         """Return the image, BGR uint8 (height, width, 3), exposed from panel time `start_ns` in row 0."""
@@ -187,7 +187,7 @@ class Photograph:
             self.corners,
             self.distortion,
             tuple(sorted(self.hidden)),
-            self.turn,
+            self.cycle,
         )
         pairs, inverse = np.unique(np.stack([lamp, row]), axis=1, return_inverse=True)
         shares = self._shares(start_ns, pairs[0], pairs[1], rng)[inverse.ravel()]

@@ -14,7 +14,7 @@ from capture_app.companions.panel.time_reading import SIGMAS_95, PanelTime
 
 VISIT_GAP_S = 3.0
 """Minimum time without the panel between two visits of it."""
-NO_TURN = "its panel does not show which turn it is in: show it with capture-app panel show of this version"
+NO_CYCLE = "its panel does not show which cycle it is in: show it with capture-app panel show of this version"
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,16 +46,16 @@ class PanelTrack:
 
 
 def make_track(readings: Sequence[TrackReading], *, alike: float = 1.0) -> PanelTrack:
-    """Return the track of readings, whose turn codes show the pattern's repetition.
+    """Return the track of readings, whose cycle codes show the pattern's repetition.
 
-    Raises BadInputError with a short reason if they show several panels, or no turn.
+    Raises BadInputError with a short reason if they show several panels, or no cycle.
     """
     panels = sorted({reading.read.panel.name for reading in readings})
     if len(panels) > 1:
         raise BadInputError(f"it saw several panels, {' and '.join(panels)}: show one screen to all cameras")
-    pages = Counter(reading.read.turn.page for reading in readings if reading.read.turn is not None)
+    pages = Counter(reading.read.cycle.page for reading in readings if reading.read.cycle is not None)
     if not pages:
-        raise BadInputError(NO_TURN)
+        raise BadInputError(NO_CYCLE)
     # A misread code passes its checksum once in 64 times.
     (page, _), *others = pages.most_common()
     if any(count > max(1, len(readings) // 8) for _, count in others):
@@ -71,8 +71,8 @@ def make_track(readings: Sequence[TrackReading], *, alike: float = 1.0) -> Panel
     for number in range(int(visit[-1]) + 1):
         members = np.flatnonzero(visit == number)
         turn_s = [
-            in_order[k].read.turn.number * panel.cycle_ns / 1e9  # type: ignore[union-attr]
-            if in_order[k].read.turn is not None and in_order[k].read.turn.page == page  # type: ignore[union-attr]
+            in_order[k].read.cycle.number * panel.cycle_ns / 1e9  # type: ignore[union-attr]
+            if in_order[k].read.cycle is not None and in_order[k].read.cycle.page == page  # type: ignore[union-attr]
             else None
             for k in members
         ]
@@ -85,10 +85,10 @@ def make_track(readings: Sequence[TrackReading], *, alike: float = 1.0) -> Panel
 
 
 def _unwrap(own_s: Floats, within_s: Floats, turn_s: Sequence[float | None], cycle_s: float) -> Floats:
-    """Return a visit's times since the page was loaded; NaN if none of its turn codes was readable.
+    """Return a visit's times since the page was loaded; NaN if none of its cycle codes was readable.
 
     `within_s` are modulo the cycle. Own times show the number of cycles between two readings of a visit, and
-    most codes must agree on the first reading's turn.
+    most codes must agree on the first reading's cycle.
     """
     since_s = own_s - own_s[0]
     steps_s = [nearest_ns(w - within_s[0] - s, cycle_s) for w, s in zip(within_s, since_s, strict=True)]

@@ -8,18 +8,18 @@ from typing import Any
 import msgspec
 
 from capture_app.common.text import fill_in
+from capture_app.companions.panel.cycle_code import (
+    CHECK_BITS,
+    CHECK_POLYNOMIAL,
+    CYCLE_BITS,
+    PAGE_BITS,
+    cell_places,
+)
 from capture_app.companions.panel.pattern import (
     PANELS,
     RATE_TOLERANCE,
     SCAN_FRACTION,
     marker_squares,
-)
-from capture_app.companions.panel.turn_code import (
-    CHECK_BITS,
-    CHECK_POLYNOMIAL,
-    PAGE_BITS,
-    TURN_BITS,
-    cell_places,
 )
 
 HERE = Path(__file__).parent / "page"
@@ -59,7 +59,7 @@ def _panels() -> dict[str, Any]:
         "scan_share": SCAN_FRACTION,
         "layout": {key: layout[key] for key in fields}
         | {"rate_tolerance": RATE_TOLERANCE, "cells": cell_places(screens[0])}
-        | {"turn_bits": TURN_BITS, "page_bits": PAGE_BITS}
+        | {"turn_bits": CYCLE_BITS, "page_bits": PAGE_BITS}
         | {"check_bits": CHECK_BITS, "check_polynomial": CHECK_POLYNOMIAL},
         "screens": [
             {

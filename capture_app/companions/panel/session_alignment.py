@@ -16,7 +16,7 @@ def apply_panel(session: Session, times: SessionTimes) -> dict[str, CameraTimes]
     """Change an imported session's times to those of its panel, and pair its images again.
 
     Returns each camera's correction of its present times. Raises NotApplicableError if the session was not
-    imported, or if a camera did not see the panel with its turn code; see `realign_session`.
+    imported, or if a camera did not see the panel with its cycle code; see `realign_session`.
     """
     cameras = chain_cameras(times.cameras, measure_pairs(partial(_track, times), match_panels))
     realign_session(session, cameras, "panel")

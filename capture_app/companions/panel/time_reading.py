@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture_app.common.text import duration
+from capture_app.companions.panel.cycle_code import Cycle
+from capture_app.companions.panel.cycle_reading import read_cycle
 from capture_app.companions.panel.finder import Floats, PanelNotFoundError, find_panel
 from capture_app.companions.panel.light_model import LINES, TONES, LightModel, Shutter
 from capture_app.companions.panel.pattern import COUNT, Panel
-from capture_app.companions.panel.turn_code import Turn
-from capture_app.companions.panel.turn_reading import read_turn
 
 SIGMAS_95 = 1.96
 STEPS = 8
@@ -94,7 +94,7 @@ def possible_shutters(
         exposures = [float(exposure_ns)]
     else:
         exposures = np.geomspace(SHORTEST_NS, min(cycle_ns, longest.exposure_ns), 16).tolist()
-        # Exposures longer than one turn of all columns differ only by the excess over whole turns.
+        # Exposures longer than one cycle of all columns differ only by the excess over whole cycles.
         exposures += np.arange(cycle_ns * 1.2, longest.exposure_ns, cycle_ns / 5).tolist()
     if row_time_ns is not None:
         return [Shutter(exposure, float(row_time_ns)) for exposure in exposures]
@@ -168,7 +168,7 @@ def interval(ranges: list[Range]) -> tuple[float, float]:
         raise PanelNotFoundError("its lamps fit two different times about equally well")
     if max(chances[0], chances[-1]) > _OPEN * chances.max():
         raise PanelNotFoundError(
-            "its lamps look the same over too long a time, as in an exposure of whole turns of the panel"
+            "its lamps look the same over too long a time, as in an exposure of whole cycles of the panel"
         )
     summed = np.cumsum(chances) / chances.sum()
     low, high = (float(np.interp(q, summed, times)) for q in ((1 - COVERAGE) / 2, (1 + COVERAGE) / 2))
@@ -317,8 +317,8 @@ class PanelTime:
     markers: int
     residual: float
     """RMS residual of the lamps, in sigmas."""
-    turn: Turn | None = None
-    """Turn that the code of a screen's panel shows; None if it shows none, or it is unreadable."""
+    cycle: Cycle | None = None
+    """Cycle that the code of a screen's panel shows; None if it shows none, or it is unreadable."""
 
     def at_row(self, row: float) -> tuple[float, float]:
         """Return a row's mid-exposure time in ns of the panel, and its 95 % uncertainty."""
@@ -372,7 +372,7 @@ def read_panel(
     if not placed.panel.is_screen and uncertainty_ns > _MAX_TICKS * placed.panel.tick_ns:
         raise PanelNotFoundError(
             f"its time is known to ±{duration(uncertainty_ns)} only: expose shorter, not whole "
-            "turns of the panel"
+            "cycles of the panel"
         )
     return PanelTime(
         placed.panel,
@@ -383,5 +383,5 @@ def read_panel(
         row_time_error_ns,
         placed.markers,
         rms,
-        read_turn(placed, grey),
+        read_cycle(placed, grey),
     )

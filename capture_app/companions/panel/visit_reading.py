@@ -15,12 +15,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from capture_app.companions.panel.cycle_code import Cycle
+from capture_app.companions.panel.cycle_reading import read_cycle
 from capture_app.companions.panel.finder import Floats, PanelNotFoundError, find_panel
 from capture_app.companions.panel.light_model import LightModel, Shutter
 from capture_app.companions.panel.panel_track import TrackReading
 from capture_app.companions.panel.time_reading import SHORTEST_NS, SIGMAS_95, PanelTime, read_panel
-from capture_app.companions.panel.turn_code import Turn
-from capture_app.companions.panel.turn_reading import read_turn
 
 Image = NDArray[np.uint8]
 HALF_TICKS, ROUGH_STEPS, FINE_STEPS = 1.5, 16, 64
@@ -49,12 +49,12 @@ class Screening:
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """A frame with a panel: its time by the camera, its light, and its turn code."""
+    """A frame with a panel: its time by the camera, its light, and its cycle code."""
 
     own_s: float
     model: LightModel
     middle_row: float
-    turn: Turn | None
+    cycle: Cycle | None
 
 
 class Visit:
@@ -71,8 +71,8 @@ class Visit:
         self.rates = np.linspace(-RATES, RATES, RATE_STEPS)
 
     def _steps(self, a_tick: int) -> Floats:
-        reach = round(HALF_TICKS * a_tick)
-        return np.arange(-reach, reach + 1) * self.tick_ns / a_tick
+        half_width = round(HALF_TICKS * a_tick)
+        return np.arange(-half_width, half_width + 1) * self.tick_ns / a_tick
 
     def refine(self) -> None:
         """Compare times in finer steps from now on."""
@@ -129,7 +129,7 @@ def read_visit(
 def _look(own_s: float, image: Image) -> Frame:
     grey = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), np.uint8)
     placed = find_panel(grey)
-    return Frame(own_s, LightModel(placed, image), (image.shape[0] - 1) / 2, read_turn(placed, grey))
+    return Frame(own_s, LightModel(placed, image), (image.shape[0] - 1) / 2, read_cycle(placed, grey))
 
 
 def _search(visit: Visit, limits: Shutter) -> Mapping[Screening, Floats]:
@@ -194,6 +194,6 @@ def _readings(visit: Visit, alike: PanelTime, found: Mapping[Screening, Floats])
             row=frame.middle_row,
             shutter=shutter,
             row_time_error_ns=0.0,
-            turn=frame.turn,
+            cycle=frame.cycle,
         )
         yield TrackReading(frame.own_s, read, frame.middle_row)

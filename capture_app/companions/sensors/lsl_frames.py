@@ -60,15 +60,15 @@ class LslFrames:
         if self._task is not None:
             await end(self._task)
             self._task = None
-            self._stream_news()
+            self._stream_events()
             self._outlet = None
 
     async def _run(self) -> None:
         while True:
             await asyncio.sleep(LOOK_EVERY_S)
-            self._stream_news()
+            self._stream_events()
 
-    def _stream_news(self) -> None:
+    def _stream_events(self) -> None:
         lsl_less_host_s = self._lsl_less_host_s()
         for take, tail in tuple(self._takes.items()):
             is_over, folder = take.finished.is_set(), take.folder

@@ -104,17 +104,17 @@ class AppLeader(asyncio.DatagramProtocol):
             default=None,
         )
         if burst is not None and burst.first_leader_ns - rig.now_ns >= LATE_NS:
-            told = [host for host, phone in self.phones.items() if phone.error_ns is not None]
-            for host in told:
+            hosts = [host for host, phone in self.phones.items() if phone.error_ns is not None]
+            for host in hosts:
                 self._call(host, TRIGGER, b"%d" % (burst.first_leader_ns - PERIOD_NS // 2 + self.epoch_ns))
             self._note(
                 "burst",
                 burst.name,
-                f"{burst.name}: {count(len(told), 'phone')} to save one frame, which stays there; import it"
+                f"{burst.name}: {count(len(hosts), 'phone')} to save one frame, which stays there; import it"
                 f" by: capture-app sessions import FOLDER --time-shift-ms PHONE={-self.epoch_ns / 1e6:.6f}",
             )
 
-    def tell_time(self) -> None:
+    def send_time(self) -> None:
         """Send each phone its offset, right half a second from now, and forget silent phones."""
         now_ns = self._now_ns()
         middle_ns, rig = now_ns + 500_000_000, self.rig_clock.time_map(now_ns)

@@ -20,7 +20,7 @@ from capture_app.rig.rig_link import RigLink, ask_status
 from capture_app.rig.rig_time import rig_time
 from capture_app.sync.clock.clock_filter import ClockSample
 
-ASK_EVERY_S, TELL_EVERY_S, NEW_PHONE = 0.02, 1.0, 0.2
+ASK_EVERY_S, SEND_EVERY_S, NEW_PHONE = 0.02, 1.0, 0.2
 """Intervals of clock requests to each phone and of offsets; and the share of the requests that a phone gets
 which has not answered yet: forged heartbeats aim no flood at anyone."""
 
@@ -63,7 +63,7 @@ async def lead_phones(leader: Address, host: str, say: Talk) -> None:
                 ) from error
             ports.callback(transport.close)
             app.send = transport.sendto
-        await first_of(_watch(leader, app), _tell(leader, app), _ask(app))
+        await first_of(_watch(leader, app), _send_times(leader, app), _ask(app))
 
 
 async def _watch(leader: Address, app: AppLeader) -> None:
@@ -72,7 +72,7 @@ async def _watch(leader: Address, app: AppLeader) -> None:
             app.see_rig(update)
 
 
-async def _tell(leader: Address, app: AppLeader) -> None:
+async def _send_times(leader: Address, app: AppLeader) -> None:
     while True:
         with suppress(NetworkError):
             now = await rig_time(leader)
@@ -80,8 +80,8 @@ async def _tell(leader: Address, app: AppLeader) -> None:
             # The rig's time is as wide as one exchange with an immediate answer.
             t0_ns = t3_ns - (now.latest_ns - now.earliest_ns)
             app.rig_clock.add(ClockSample(t0_ns, now.earliest_ns, now.earliest_ns, t3_ns))
-        app.tell_time()
-        await asyncio.sleep(TELL_EVERY_S)
+        app.send_time()
+        await asyncio.sleep(SEND_EVERY_S)
 
 
 async def _ask(app: AppLeader) -> None:

@@ -86,8 +86,8 @@ def read_sensors(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) -> V
         if not isinstance((camera := read_yaml(file)).get("T_BS"), dict) or "camera_model" not in camera:
             return None
         pose = numbers(str(file), camera["T_BS"], "data", 16).reshape(4, 4)
-        turn = pose[:3, :3].T
-        views[name] = _view(str(file), camera, "distortion_coefficients", turn, -turn @ pose[:3, 3])
+        rotation = pose[:3, :3].T
+        views[name] = _view(str(file), camera, "distortion_coefficients", rotation, -rotation @ pose[:3, 3])
     return Views(views, "sensor.yaml", "m") if views else None
 
 

@@ -52,7 +52,7 @@ def read_calibration(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) 
 
 
 def _check_disparity(where: str, content: Mapping[str, list[str]], middles: Sequence[float]) -> None:
-    """Raise BadInputError if the offset of disparities is not the difference of the cameras' principal points."""
+    """Raise BadInputError if disparities are not offset by the difference of principal points."""
     if "doffs" not in content:
         return
     offset = float(numbers(where, content, "doffs", 1, hint=_HINT)[0])

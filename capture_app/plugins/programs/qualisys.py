@@ -33,9 +33,9 @@ def read_calibration(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) 
 
 
 def _view(where: str, camera: ET.Element) -> View:
-    if (turn := camera.get("viewrotation", "0")) != "0":
+    if (view_rotation := camera.get("viewrotation", "0")) != "0":
         raise BadInputError(
-            f"{where} has its view rotated by {turn} degrees, and its lens as the sensor reads it",
+            f"{where} has its view rotated by {view_rotation} degrees, and its lens as the sensor reads it",
             hint="export the videos without rotation, and the calibration with viewrotation 0",
         )
     left, top, right, bottom = _attributes(where, camera, "fov_video", "left", "top", "right", "bottom")

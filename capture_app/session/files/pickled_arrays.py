@@ -1,6 +1,6 @@
 """Reader of pickled arrays and numbers that runs nothing of the file.
 
-A pickle can name any function to call. Functions that make arrays are replaced by ours, all others are refused.
+A pickle can name any function to call. Ours replace the ones that make arrays; all others are refused.
 """
 
 import io

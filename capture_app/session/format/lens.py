@@ -158,7 +158,7 @@ class Lens:
         return np.asarray(self._terms * np.arange(2 * len(self._terms) - 1, 0, -2))
 
     def _bend(self, radius: Array | float) -> Array:
-        """Return the radius of pixels by the radius of rays: of x / z, for a fisheye of the angle (radians)."""
+        """Return the radius of pixels by the rays' radius: of x / z, for a fisheye of the angle (radians)."""
         return np.asarray(np.polyval(self._terms, np.square(radius)) * radius)
 
     def _tangential(self, rays: Array) -> Array:

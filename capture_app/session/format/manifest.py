@@ -418,7 +418,9 @@ def sync_record(
     for instant, group in groupby(images, key=lambda image: image.instant):
         widened = [by_name[image.camera].widen(image) for image in group]
         number += len(widened)
-        spreads_ns[instant] = _spread([image.leader_ns - by_name[image.camera].delay_ns for image in widened])
+        spreads_ns[instant] = _range_ns(
+            [image.leader_ns - by_name[image.camera].delay_ns for image in widened]
+        )
         if (rows := _row_scatter([(by_name[image.camera], image) for image in widened])) is not None:
             rows_ns = max(rows_ns or 0, rows)
         for image in widened:
@@ -453,7 +455,7 @@ def _worse(worst: int | None, number: int | None) -> int | None:
     return None if worst is None or number is None else max(worst, number)
 
 
-def _spread(times_ns: Sequence[int]) -> int:
+def _range_ns(times_ns: Sequence[int]) -> int:
     return max(times_ns) - min(times_ns) if times_ns else 0
 
 
@@ -467,7 +469,7 @@ def _row_scatter(images: Sequence[tuple[CameraRecord, ImageRecord]]) -> int | No
     if len(rows) < 2:
         return None
     shared = 0, min(row.rows for _, row in rows) - 1
-    return max(_spread([image.middle_ns(row) - delay_ns for delay_ns, image in rows]) for row in shared)
+    return max(_range_ns([image.middle_ns(row) - delay_ns for delay_ns, image in rows]) for row in shared)
 
 
 def inside(folder: Path, path: str) -> Path:

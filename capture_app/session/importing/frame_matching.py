@@ -202,22 +202,22 @@ def at_slowest_rate(timeline: Timeline, talk: Talk) -> Timeline:
         return timeline
     slow = {name for name, period_ns in periods.items() if period_ns > slowest_ns / OTHER_RATE}
     slow_ns = [instant.leader_ns for instant in timeline.instants if not slow.isdisjoint(instant.frames)]
-    kept: list[Instant] = []
+    instants: list[Instant] = []
     for one in timeline.instants:
         after = bisect_right(slow_ns, one.leader_ns)
-        near_ns = [*(instant.leader_ns for instant in kept[-1:]), *slow_ns[after : after + 1]]
+        near_ns = [*(instant.leader_ns for instant in instants[-1:]), *slow_ns[after : after + 1]]
         is_alone = all(abs(one.leader_ns - at_ns) > 0.7 * slowest_ns for at_ns in near_ns)
         if is_alone or not slow.isdisjoint(one.frames):
-            kept.append(one)
+            instants.append(one)
     # Of cameras that are little faster, a frame may have been nearest to an instant that is left out.
     others = {name: frames for name, frames in timeline.cameras().items() if name not in slow}
-    paired = [_with_nearest(instant, others, slowest_ns) for instant in kept]
+    paired = [_with_nearest(instant, others, slowest_ns) for instant in instants]
     fast = ", ".join(
         f"{name} {1e9 / period_ns:.4g}" for name, period_ns in periods.items() if name not in slow
     )
     talk(
         f"{fast} frames a second, {', '.join(sorted(slow))} {1e9 / slowest_ns:.4g}: the nearest are taken, "
-        f"{count(len(timeline.instants) - len(kept), 'instant')} between are left out"
+        f"{count(len(timeline.instants) - len(instants), 'instant')} between are left out"
     )
     return replace(timeline, instants=paired, period_ns=slowest_ns)
 
@@ -297,7 +297,7 @@ def describe_times(times_ns: Sequence[int]) -> str:
 
 
 def find_extra_steps(steps_ns: Sequence[int], period_ns: float) -> dict[int, int]:
-    """Return the number of frames that are missing after a frame (negative: too many) by its number, from intervals.
+    """Return the number of frames missing after a frame (negative: too many) by its number, from intervals.
 
     A late or early frame, whose next one is on time, is none of them: neighbouring intervals make up for it.
     """

@@ -255,8 +255,8 @@ def takes_in(folder: Path) -> tuple[dict[str, list[CameraFiles]], list[str]]:
     files = sorted(file for place in places or [folder] for file in images_in(place))
     # A picture of the set beside the cameras' has no number, or more.
     counts = Counter(len(numbers_in(file.stem)) for file in files)
-    usual = [file for file in files if 4 * counts[len(numbers_in(file.stem))] > 3 * len(files)]
-    parses = parse_names(usual or files, folder)
+    numbered = [file for file in files if 4 * counts[len(numbers_in(file.stem))] > 3 * len(files)]
+    parses = parse_names(numbered or files, folder)
     if (parse := choose(parses)) is None and len(places) == 1:
         alone = label_of(places[0].relative_to(folder).parts[0])
         return {"": [(alone, places[0], [])]}, []

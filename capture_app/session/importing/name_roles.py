@@ -95,8 +95,8 @@ def parse_names(files: Sequence[Path], root: Path, *, stills: bool = True) -> li
     ]
     # Columns that part the files in the same way are one reading, by the outermost of the best.
     found = sorted(filter(None, parses), key=lambda parse: parse.score)
-    alike = {frozenset(map(tuple, one.cameras.values())): one for one in found}
-    return sorted(alike.values(), key=lambda parse: -parse.score)
+    unique = {frozenset(map(tuple, one.cameras.values())): one for one in found}
+    return sorted(unique.values(), key=lambda parse: -parse.score)
 
 
 def choose(parses: Sequence[Parse]) -> Parse | None:
@@ -114,7 +114,7 @@ def take_names(cameras: Mapping[str, Sequence[Path]]) -> dict[Path, str]:
     texts = [name for name, own in cameras.items() for _ in own]
     columns = _columns(files, Path(commonpath([file.parent for file in files])))
     # The outermost folders that differ as the cameras do are theirs; what is in them may be takes.
-    own = next((one for one in columns if one[0].is_folder and _parts_alike(one, texts)), None)
+    own = next((one for one in columns if one[0].is_folder and _parts_equal(one, texts)), None)
     rest = [column for column in columns if column is not own and _is_free(column, texts)]
     names = [name.casefold() for name in _take_names(rest, len(files))]
     # Where these do not distinguish a camera's files, their types do, or nothing.
@@ -124,7 +124,7 @@ def take_names(cameras: Mapping[str, Sequence[Path]]) -> dict[Path, str]:
     return dict(zip(files, names, strict=True))
 
 
-def _parts_alike(column: Row, cameras: Sequence[str]) -> bool:
+def _parts_equal(column: Row, cameras: Sequence[str]) -> bool:
     """Return whether a column has one text for each camera, and another one for each other camera."""
     pairs = {*zip(cameras, (piece.text for piece in column), strict=True)}
     return len(pairs) == len({*cameras}) == len({piece.text for piece in column})
@@ -132,8 +132,8 @@ def _parts_alike(column: Row, cameras: Sequence[str]) -> bool:
 
 def _take_names(columns: Sequence[Row], count: int) -> list[str]:
     """Return each name's pieces in columns, with the word before them if that is the same in all names."""
-    alike = [len({piece.label for piece in column}) == 1 for column in columns]
-    named = [[p.name if own else p.text for p in column] for own, column in zip(alike, columns, strict=True)]
+    equal = [len({piece.label for piece in column}) == 1 for column in columns]
+    named = [[p.name if own else p.text for p in column] for own, column in zip(equal, columns, strict=True)]
     return ["-".join(own) for own in zip(*named, strict=True)] or [""] * count
 
 
@@ -188,7 +188,7 @@ def _is_free(column: Row, cameras: Sequence[str], *, alone: bool = False) -> boo
     number = column[0].text.isdecimal() and not column[0].is_folder
     named = any(CAMERA.search(piece.label) or _SERIAL.fullmatch(piece.text) for piece in column)
     # Two numbers of each camera, as a place and a serial number.
-    named |= _parts_alike(column, cameras) and all(map(str.isdecimal, cameras))
+    named |= _parts_equal(column, cameras) and all(map(str.isdecimal, cameras))
     of_takes = len({piece.text for piece in column}) > 1 and _names_takes(column, [()])
     return len(own) > len({*cameras}) or of_takes or (number and (alone or not named))
 
@@ -216,19 +216,19 @@ def _parse(
         found.setdefault(take, {}).setdefault(piece.name, []).append(file)
     full = len(pairs) == len(cameras) * len(instants)
     # Each camera has all instants, or most.
-    share = 2 if full else int(len(pairs) > 0.6 * len(cameras) * len(instants))
+    points = 2 if full else int(len(pairs) > 0.6 * len(cameras) * len(instants))
     if len(instants) == 1 or (stills and camera[0].text.isdecimal() and not counters):
-        share = 0
+        points = 0
     # Words distinguish instants if no camera lacks one; in a camera's own folder they are of its frames.
-    telling = [
+    distinct = [
         column
         for column in ([] if full and not counters else rest)
         if (column[0].is_folder or not camera[0].is_folder) and column not in takes
     ]
-    others = sorted({piece.text for piece in chain(*telling) if not _DIGIT.search(piece.text)})
+    others = sorted({piece.text for piece in chain(*distinct) if not _DIGIT.search(piece.text)})
     # A long number may count, too, if nothing else does.
     counts = len(instants) > 1 and (counters != [] or not stills)
-    return Parse(share + _evidence(camera, serials=counts, still=still), found, others)
+    return Parse(points + _evidence(camera, serials=counts, still=still), found, others)
 
 
 def _names_takes(column: Row, counters: Sequence[Row] = ()) -> bool:

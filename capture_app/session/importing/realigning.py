@@ -54,8 +54,8 @@ def realign_session(session: Session, cameras: Mapping[str, CameraTimes], source
 def repair_drops(session: Session, steps: Mapping[str, Sequence[tuple[int, int]]]) -> Session:
     """Pair an imported session's images again where cameras dropped frames; return it, replaced.
 
-    `steps` has for each camera the instants from which its images are later, and the number of frames: the frames
-    that it dropped before, or repeated if negative. Raises as `realign_session`.
+    `steps` has for each camera the instants from which its images are later, and the number of frames that
+    it dropped before, or repeated if negative. Raises as `realign_session`.
     """
     _require_images(session, "--repair-drops")
     manifest, period_ns = session.manifest, session.manifest.burst.period_ns

@@ -59,7 +59,7 @@ _EPOCH_NS = {10: 9, 13: 6, 16: 3, 19: 0}
 _OTHER_TIMES = "take the times from elsewhere: --times name, --timestamps CSV or --fps RATE"
 TURNED_QUALITY = 98
 """JPEG quality of images encoded a second time after rotation."""
-WIDE, ALIKE = 2.4, 0.5
+WIDE, SIMILAR = 2.4, 0.5
 """Aspect and correlation of pictures of two views: 0.48 to 0.99 in 20 real pairs, up to 0.43 in 57 others."""
 FOLDER = "images"
 """Type name of a plain folder of images."""
@@ -160,9 +160,11 @@ def image_folder(name: str, path: Path, some: Sequence[Path] = ()) -> Images:
 
 def _describe_links(files: Sequence[Path]) -> list[str]:
     """Return a note about the files that are links out of their folder, whose targets are read; or none."""
-    away = [file for file in files if file.is_symlink() and file.resolve().parent != file.parent.resolve()]
-    followed = f"{count(len(away), 'link')} out of the folder followed"
-    return [f"{followed}, such as {file} to {file.resolve()}" for file in away[:1]]
+    elsewhere = [
+        file for file in files if file.is_symlink() and file.resolve().parent != file.parent.resolve()
+    ]
+    followed = f"{count(len(elsewhere), 'link')} out of the folder followed"
+    return [f"{followed}, such as {file} to {file.resolve()}" for file in elsewhere[:1]]
 
 
 def _describe_tiff(name: str, file: Path) -> list[str]:
@@ -221,7 +223,7 @@ def holds_two_views(source: Source) -> bool:
         if image is not None:
             small = cv2.resize(image, (128, 48), interpolation=cv2.INTER_AREA)
             found = cv2.matchTemplate(small[:, 64:], small[4:-4, 8:56], cv2.TM_CCOEFF_NORMED)
-            return float(found.max()) > ALIKE
+            return float(found.max()) > SIMILAR
     return False
 
 

@@ -35,7 +35,7 @@ MAX_HEADER_BYTES = 1 << 24
 MAX_PIXELS = 1 << 28
 """Largest stored image that is decoded, px; no camera takes a larger one."""
 MAX_BLANK_PIXELS, MAX_PIXELS_A_BYTE = 1 << 25, 64
-"""Largest image of any file size that is decoded, px, and the number of pixels that a byte of a larger one may hold.
+"""Largest image of any file size that is decoded, px, and the maximum pixels a byte of a larger one.
 
 A black PNG of MAX_PIXELS has 800 kB, and would take 1.5 GB. A photograph has up to ten pixels a byte.
 """
@@ -246,8 +246,8 @@ def decode_image(
     or an eighth of the size as long as the width stays at least that, which is faster. The EXIF orientation
     is ignored: imported images are upright.
     """
-    most = min(max_pixels, max(MAX_BLANK_PIXELS, MAX_PIXELS_A_BYTE * len(data)))
-    if (size := size_of(data)) is None or not 0 < size[0] * size[1] <= most:
+    limit = min(max_pixels, max(MAX_BLANK_PIXELS, MAX_PIXELS_A_BYTE * len(data)))
+    if (size := size_of(data)) is None or not 0 < size[0] * size[1] <= limit:
         return None
     import cv2  # heavy: imported only when an image is decoded
     import numpy as np
@@ -275,10 +275,10 @@ def decode_turned(data: bytes) -> "NDArray[np.uint8] | None":
         return None
     image = decode_image(data) if orientation in range(2, 9) else None
     # OpenCV turns a TIFF whatever it is asked for.
-    return image if image is None or data[:4] in _TIFF_BEGINS else turn_upright(image, orientation)
+    return image if image is None or data[:4] in _TIFF_BEGINS else rotate_upright(image, orientation)
 
 
-def turn_upright(image: "NDArray[np.uint8]", orientation: int) -> "NDArray[np.uint8]":
+def rotate_upright(image: "NDArray[np.uint8]", orientation: int) -> "NDArray[np.uint8]":
     """Return an image transformed by an EXIF orientation, 1 to 8."""
     import numpy as np
 

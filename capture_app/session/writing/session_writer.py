@@ -167,9 +167,9 @@ class SessionWriter:
         would be one folder on a system that ignores case.
         """
         names = [camera.camera.name for camera in plan.cameras]
-        if alike := [name for place, name in enumerate(names) if find_alike(name, names[:place])]:
+        if equal := [name for place, name in enumerate(names) if find_alike(name, names[:place])]:
             raise BadInputError(
-                f"two cameras called {alike[0]}, whatever the case, would be one folder on Windows and macOS",
+                f"two cameras called {equal[0]}, whatever the case, would be one folder on Windows and macOS",
                 hint="give one of them a name that differs by more than upper and lower case",
             )
         with self._writing():

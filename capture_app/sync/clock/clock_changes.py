@@ -54,12 +54,12 @@ class ClockChanges:
 
     def judge(self, local_ns: int, skew: float, error: float, *, is_known: bool) -> None:
         """Judge by the newest line's skew and its 95 % error; `is_known` if its samples bear that out."""
-        since_ns, away = local_ns - self._newest_ns, abs(skew - self._skew_before)
+        since_ns, change = local_ns - self._newest_ns, abs(skew - self._skew_before)
         if local_ns - self._shown_ns <= SHOWN_NS and abs(skew - self._skew_then) > CHANGE_SKEW + error:
             self.rate_changed_ns = self._shown_ns
-        self._was_fast |= is_known and away - error > FAST_SKEW
+        self._was_fast |= is_known and change - error > FAST_SKEW
         if since_ns >= SLEWED_NS:
             self.state = ClockState.STEADY
         elif self._was_fast:
-            is_back = is_known and away + error < BACK_SKEW
+            is_back = is_known and change + error < BACK_SKEW
             self.state = ClockState.RESTORED if is_back else ClockState.CHANGED

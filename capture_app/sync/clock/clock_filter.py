@@ -33,7 +33,7 @@ BLOCKS = 10
 Each keeps as many bounds. An estimate on a recorded WiFi link takes 4.9 ms of a processor, with 30 blocks
 8.3, with 6 4.1.
 """
-DRIFT_SHARE = 0.2
+DRIFT_FRACTION = 0.2
 """The window of a slow link is so long that drift bends the line by this part of the asymmetry's error.
 
 Its fast messages are few. Three cameras over a recorded WiFi link were all ready in 98.2 % of half an hour
@@ -274,7 +274,7 @@ class ClockFilter:
                 bounds[:] = [bound for bound in bounds if bound in relevant]
         self._blocks[self._block] = self._bounds
         gap_ns = 0.0 if self._fitted is None else max(self._fitted.gap, 0.0)
-        straight_ns = sqrt(12.0 * DRIFT_SHARE * ASYMMETRY * gap_ns / 2.0 / DRIFT)
+        straight_ns = sqrt(12.0 * DRIFT_FRACTION * ASYMMETRY * gap_ns / 2.0 / DRIFT)
         window_ns = max(self._window_ns, min(straight_ns, self._longest_ns))
         oldest = (self._newest_ns - window_ns) // self._block_ns
         self._blocks = {i: bounds for i, bounds in self._blocks.items() if i >= oldest}

@@ -159,11 +159,11 @@ def fit_line(
         lone = [sum(level < first for level in side) for side, first in zip(levels, firsts, strict=True)]
         if lone == before:
             break
-        dense_sides = [
+        dense_bounds = [
             [point for point, level in zip(points, side, strict=True) if level >= first]
             for points, side, first in zip(sides, levels, firsts, strict=True)
         ]
-        dense = _gap(dense_sides, [lower_hull(points) for points in dense_sides])
+        dense = _gap(dense_bounds, [lower_hull(points) for points in dense_bounds])
         skew = dense.best
     excess, used = everything.excess, 0
     if any(lone):
@@ -249,8 +249,8 @@ def _vote(odd: float, *gaps: _Gap) -> list[tuple[float, float, tuple[float, ...]
         prior = exp(-0.5 * (skew / SKEW) ** 2) + odd
         found.append((lost, (after - before) * prior, skew, tuple(offset for _, offset in rooms)))
     # Two gaps may contradict each other: relative to the best skew, so that not all weights are zero.
-    least = min(lost for lost, *_ in found)
-    votes = [(exp(least - lost) * prior, skew, offsets) for lost, prior, skew, offsets in found]
+    minimum = min(lost for lost, *_ in found)
+    votes = [(exp(minimum - lost) * prior, skew, offsets) for lost, prior, skew, offsets in found]
     total = sum(weight for weight, _, _ in votes)
     return [(weight / total, skew, offsets) for weight, skew, offsets in votes]
 

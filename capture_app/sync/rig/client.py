@@ -353,7 +353,7 @@ class Client(TimeClient, Generic[F]):
             self._events.append(PhaseMoved(aligner.phase.run_begun_ns, shift_ns))
         if not aligner.settled:
             self._reported = self._answered = False
-        is_news = aligner.settled and not self._reported
+        is_new = aligner.settled and not self._reported
         command = aligner.next_command(
             time_map,
             grid.grid_of_stamps,
@@ -369,7 +369,7 @@ class Client(TimeClient, Generic[F]):
             self._commands.append(command)
             if aligner.corrections > corrections:
                 self._events.append(PhaseCorrected(command, before))
-                is_news = True
+                is_new = True
         if aligner.problem != self._reported_problem:
             self._reported_problem = aligner.problem
             if aligner.problem:
@@ -377,7 +377,7 @@ class Client(TimeClient, Generic[F]):
         is_near = before is None or abs(before.error_ns) <= 2.0 * aligner.window.tolerance_ns
         self._aligned_ns = now_ns if self._is_aligned else self._aligned_ns
         self._corrects_briefly = is_near and now_ns - self._aligned_ns < CORRECTION_NS
-        if is_news or was_aligned is not self._is_aligned:
+        if is_new or was_aligned is not self._is_aligned:
             self.report_at_once()
 
     def _take_trigger(self, trigger: Trigger) -> None:

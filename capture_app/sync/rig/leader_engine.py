@@ -306,7 +306,7 @@ class Leader:
         """Report the node of a datagram that is of another protocol version."""
         host, reason = address[0], other_version(data)
         # Anyone can send these from any address: for all hosts together there is a limit, too.
-        if reason and self._is_news("", host, now_ns) and self._is_news(host, reason, now_ns):
+        if reason and self._is_unreported("", host, now_ns) and self._is_unreported(host, reason, now_ns):
             self._events.append(NodeChanged("a node", "refused", reason, f"at {host}"))
 
     def refuse(self, hello: Hello, reason: str, address: Address, *, retry_here: bool = False) -> None:
@@ -378,7 +378,7 @@ class Leader:
     def _receive_heartbeat(self, member: Member, message: Heartbeat, now_ns: int) -> None:
         if message.report.state is NodeState.LOST:
             event = self.roster.mark_lost(member, message.report.message or LEFT)
-            self._note_lost(self.roster.forget(member) if member.is_stranger else event)
+            self._note_lost(self.roster.forget(member) if member.is_unknown else event)
             return
         is_new = self._pass_up(member, message, now_ns)
         if message.report.state.is_aligned and not member.report.state.is_aligned:
@@ -462,8 +462,8 @@ class Leader:
         if shared is None or self.current.upstream is not None:
             return False
         if self.orders.is_busy(now_ns):
-            is_news, shared.common_instant_leader_ns = shared.common_instant_leader_ns is None, now_ns
-            return is_news
+            is_new, shared.common_instant_leader_ns = shared.common_instant_leader_ns is None, now_ns
+            return is_new
         if immovable > FEW_CAMERAS and now_ns < self._update_due_ns:
             return False
         self._update_due_ns = now_ns + immovable * UPDATE_EVERY_NS
@@ -480,7 +480,7 @@ class Leader:
     def _report_refusal(self, hello: Hello, reason: str, address: Address, now_ns: int) -> None:
         """Refuse a client; at intervals report it to the operator and to the name's present camera."""
         self.refuse(hello, reason, address)
-        if not self._is_news(hello.pin or address[0], reason, now_ns):
+        if not self._is_unreported(hello.pin or address[0], reason, now_ns):
             return
         where = f"at {address[0]}" if hello.via is None else f"below {hello.via}"
         self._events.append(NodeChanged(hello.name, "refused", reason, where))
@@ -489,7 +489,7 @@ class Leader:
             text = f"another camera {where} wants to be {hello.name}, too: give one another --name"
             self.send(owner, Notice(owner.number, text[:MAX_TEXT]))
 
-    def _is_news(self, who: str, reason: str, now_ns: int) -> bool:
+    def _is_unreported(self, who: str, reason: str, now_ns: int) -> bool:
         reported, reported_ns = self._reported.get(who, ("", now_ns - REPEAT_REPORT_NS))
         if now_ns - reported_ns < (REPEAT_REPORT_NS if reported == reason else MIN_REPORT_INTERVAL_NS):
             return False

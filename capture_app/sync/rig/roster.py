@@ -72,7 +72,7 @@ class Member:
         return self.took_before or self.report.frames > 0
 
     @property
-    def is_stranger(self) -> bool:
+    def is_unknown(self) -> bool:
         """Whether it has sent only hellos."""
         return not (self.is_confirmed or self.has_taken)
 
@@ -177,10 +177,10 @@ class Roster:
                 f" off for good, on the leader: capture-app cameras remove {hello.name}"
             )[:MAX_TEXT]
         here = known is not None and not known.lost and known.instance != hello.instance
-        alike = hello.name if here else None if known else find_alike(hello.name, self.members)
-        if alike is not None and (other := self.title(alike)) == title:
+        namesake = hello.name if here else None if known else find_alike(hello.name, self.members)
+        if namesake is not None and (other := self.title(namesake)) == title:
             return f"another camera named {title} is here: give this one another --name"
-        if alike is not None:
+        if namesake is not None:
             return f"{other} is here, and {title} would be the same folder: give this one another --name"
         if hello.via is not None and hello.pin in self.direct_pins:
             return (
@@ -346,7 +346,7 @@ class Roster:
             silent_ns = min(heard_ns + CLIENT_SILENT_NS, member.last_heard_ns + unreported_ns)
             if now_ns >= silent_ns:
                 event = self.mark_lost(member, f"silent for {(silent_ns - member.last_heard_ns) // 10**9} s")
-                lost.append(self.forget(member) if member.is_stranger else event)
+                lost.append(self.forget(member) if member.is_unknown else event)
             else:
                 self._silence_ns = min(self._silence_ns, silent_ns)
         return lost

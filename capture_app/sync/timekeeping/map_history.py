@@ -10,14 +10,14 @@ from capture_app.common.bounds import MAX_COUNT
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.timekeeping.clock_events import TimesDoubted
 
-KEPT_NS = 90_000_000_000
+HISTORY_NS = 90_000_000_000
 """Time for which maps are kept: the longest window of a line, from which a change is found."""
 LOOK_BACK_NS = 15_000_000_000
 """Time within which a change of a clock's rate is noticed: 80 ppm on recorded WiFi take so long."""
 
 
 class MapHistory:
-    """The maps of the last KEPT_NS, each with the local time from which it was used."""
+    """The maps of the last HISTORY_NS, each with the local time from which it was used."""
 
     def __init__(self) -> None:
         self._maps: deque[tuple[int, TimeMap]] = deque()
@@ -28,7 +28,7 @@ class MapHistory:
 
     def add(self, time_map: TimeMap, now_ns: int) -> None:
         """Note a map that is used from now on. The last one stays, however old it is: holdover has no end."""
-        while len(self._maps) > 1 and self._maps[1][0] < now_ns - KEPT_NS:
+        while len(self._maps) > 1 and self._maps[1][0] < now_ns - HISTORY_NS:
             self._maps.popleft()
         self._maps.append((now_ns, time_map))
 

@@ -226,7 +226,7 @@ class AccuracyTarget:
         """Start over: the leader is another one, or a clock has stepped."""
         self.met = self.target_ns is None
         """Whether the clock is good enough."""
-        self._least_ns, self._began_ns = inf, NEVER_NS
+        self._min_error_ns, self._began_ns = inf, NEVER_NS
 
     def judge(self, time_map: TimeMap, now_ns: int, above_ns: float = 0.0, *, is_back: bool = False) -> bool:
         """Update from the newest estimate; return whether it is good enough or will hardly improve.
@@ -238,8 +238,8 @@ class AccuracyTarget:
         if self.target_ns is None:
             return True
         self._began_ns = min(self._began_ns, now_ns)
-        if error_ns < GAIN * self._least_ns:
-            self._least_ns, self._gained_ns = error_ns, now_ns
+        if error_ns < GAIN * self._min_error_ns:
+            self._min_error_ns, self._gained_ns = error_ns, now_ns
         stays_ns = now_ns - self._gained_ns
         if self._min_ns is not None:
             link_ns = LINK_MARGIN * hypot(SIGMAS_95 * ASYMMETRY * time_map.round_trip_ns / 2.0, above_ns)

@@ -236,8 +236,8 @@ class Timekeeper:
             return
         self._stepped = False
         time_map = asked.root_map(own)
-        farthest_ns = max(abs(own.offset_ns), abs(time_map.offset_ns))
-        if farthest_ns > CENTURY_NS or time_map.hard_bound_ns > MAX_COUNT:
+        largest_ns = max(abs(own.offset_ns), abs(time_map.offset_ns))
+        if largest_ns > CENTURY_NS or time_map.hard_bound_ns > MAX_COUNT:
             # No report, relay or session can carry it.
             return
         above_ns = sqrt(max(0.0, time_map.uncertainty_ns**2 - own.uncertainty_ns**2))

@@ -27,7 +27,7 @@ FIRST_NS, EACH_BETTER_NS = 2_000_000_000, 500_000_000
 """Waiting times before leading. At first per other leader and per better one; later per live better one."""
 AWAKE_NS = 500_000_000
 """Interval at which an active leader looks at its clock, to notice that it was frozen."""
-GIVE_WAY_NS = 2 * SILENT_NS
+YIELD_NS = 2 * SILENT_NS
 """Time for which a leader follows a better one before it gives way: one that was frozen stops meanwhile."""
 STANDBY = replace(CLOCK, kind=RELAY, model="standby: leads when this leader is gone")
 """Description of a standby to the active leader: a member whose loss must be noticed within seconds."""
@@ -128,7 +128,7 @@ class Succession:
         elif other >= self._rank:
             self._change_ns = None
         elif self._change_ns is None:
-            self._change_ns = now_ns + GIVE_WAY_NS
+            self._change_ns = now_ns + YIELD_NS
         if self._change_ns is not None and now_ns >= self._change_ns:
             self.leads, self._change_ns = not self.leads, None
             if self.leads:

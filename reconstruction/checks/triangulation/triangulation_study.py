@@ -207,7 +207,7 @@ class TriangulationStudy(Score):
             ValueError: the burst does not contain this condition, or COLMAP finds no point when synchronized.
         """
         tally = Tally()
-        found, most, pictures = 0, -1.0, tuple[Picture, ...]()
+        found, max_moving, pictures = 0, -1.0, tuple[Picture, ...]()
         for moment in self._instants(condition):
             self.progress.step(f"points by COLMAP from {len(moment.shown)} cameras, instant {moment.instant}")
             points = {side: self._points(pictures) for side, pictures in moment.by_condition.items()}
@@ -215,8 +215,8 @@ class TriangulationStudy(Score):
             measured = {side: self._measure(points[side], moment, side) for side in points}
             tally.add(measured, {"instant": moment.instant, **moment.delays_ms(self.dataset)})
             moving = float(np.sum(measured["synced"].means["mover_points"]))
-            if folder and moving > most:
-                most, pictures = moving, self._draw(moment, points, folder)
+            if folder and moving > max_moving:
+                max_moving, pictures = moving, self._draw(moment, points, folder)
         if not found:
             raise ValueError(f"COLMAP finds no point that two of {', '.join(self.cameras)} see")
         return StudyResult(

@@ -116,8 +116,8 @@ def _shared_points(views: Mapping[str, View], depth_views: Mapping[str, ViewDept
 def _scatter_points(views: Mapping[str, View], depth_range: tuple[float, float]) -> Array:
     """Return points spread over all views between two depths, in the rig's frame (n, 3)."""
     rng = np.random.default_rng(0)
-    size, nearest, farthest = POINTS_PER_VIEW, 1 / depth_range[0], 1 / depth_range[1]
-    inverse = {name: rng.uniform(farthest, nearest, size) for name in views}
+    size, nearest, far = POINTS_PER_VIEW, 1 / depth_range[0], 1 / depth_range[1]
+    inverse = {name: rng.uniform(far, nearest, size) for name in views}
     pixels = {name: rng.random((size, 2)) * (view.width, view.height) for name, view in views.items()}
     return np.concatenate([view.unproject(pixels[name], 1 / inverse[name]) for name, view in views.items()])
 

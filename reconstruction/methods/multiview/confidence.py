@@ -50,7 +50,7 @@ RIGHT = {
     1.5: 0.99,
 }
 """Fraction of right depths by a pixel's evidence, fitted by `benchmarks.reconstruction.depth_confidence`."""
-ASSUMED_MISFIT_PX = 0.5
+ASSUMED_RESIDUAL_PX = 0.5
 """Misfit of a calibration that could not be checked."""
 MATCHING_PX, POINTS_PX = 0.1, 0.08
 """Standard deviations of a match and of a perfect calibration's misfit."""
@@ -61,7 +61,7 @@ whose points adapt to it."""
 UNSEEN_PX, PAIR_UNSEEN_PX = 0.1, 0.3
 """Standard deviation of errors that no point shows, such as turns in proportion to the baselines; and that of
 two cameras, where a turn sideways of one shifts all disparities."""
-TURN_PX = 1.0
+ROTATION_PX = 1.0
 """Turn sideways that two cameras do not show, up to which the range of their confidence goes."""
 ASKEW = 1.5
 """Standard deviation of matches, px, by the square of the misfit: windows beside epipolar lines differ."""
@@ -78,40 +78,42 @@ class DepthSupport(NamedTuple):
     """Motion in another view, px, by 2 % of the depth: the largest of all views."""
     cameras: int = 2
     """Number of cameras of the rig."""
-    turn_gain: Array | float = math.sqrt(2)
+    rotation_gain: Array | float = math.sqrt(2)
     """Error by turns of all cameras by 1 px, px of `worth_px`; of two cameras by default."""
 
-    def confidence(self, misfit_px: float | None, scale_error: float = 0.0) -> Array:
+    def confidence(self, residual_px: float | None, scale_error: float = 0.0) -> Array:
         """Return the probability that depth is right, 0 to 1, by the calibration's misfit (px) and scale."""
         right = np.interp(self.evidence, [*RIGHT], [*RIGHT.values()])
-        return np.asarray(right * self.measurable(misfit_px, scale_error), np.float32)
+        return np.asarray(right * self.measurable(residual_px, scale_error), np.float32)
 
-    def confidence_if_turned(self, misfit_px: float | None, scale_error: float = 0.0) -> tuple[Array, Array]:
-        """Return the confidence if a camera is turned sideways by `TURN_PX`, unseen by two, and if not.
+    def confidence_if_turned(
+        self, residual_px: float | None, scale_error: float = 0.0
+    ) -> tuple[Array, Array]:
+        """Return the confidence if a camera is turned sideways by `ROTATION_PX`, unseen by two, and if not.
 
         The latter is what it would be if a third camera, opposite to the second one, showed such turns.
         """
-        exact = self._replace(cameras=3, turn_gain=math.sqrt(0.5)).confidence(
-            misfit_px or POINTS_PX, scale_error
+        exact = self._replace(cameras=3, rotation_gain=math.sqrt(0.5)).confidence(
+            residual_px or POINTS_PX, scale_error
         )
-        return exact * (self.worth_px > TURN_PX), exact
+        return exact * (self.worth_px > ROTATION_PX), exact
 
-    def measurable(self, misfit_px: float | None, scale_error: float = 0.0) -> Array:
+    def measurable(self, residual_px: float | None, scale_error: float = 0.0) -> Array:
         """Return the probability that a right match gives a right depth: that of an error within `worth_px`.
 
-        `misfit_px` is that of points at rest to the calibration, px; None = unknown. `scale_error` is the
+        `residual_px` is that of points at rest to the calibration, px; None = unknown. `scale_error` is the
         relative standard deviation of its scale, and so of all depths.
 
         Points show errors across their epipolar lines only, depth suffers from those along them, and few
         cameras have few errors: the misfit tells the size of the others with an uncertainty that Student's t
         has. The constants were fitted to rigs whose cameras were turned by up to 2 px.
         """
-        misfit_px = ASSUMED_MISFIT_PX if misfit_px is None else misfit_px
+        residual_px = ASSUMED_RESIDUAL_PX if residual_px is None else residual_px
         factor, unseen_px = (
             (PAIR_POSE_FACTOR, PAIR_UNSEEN_PX) if self.cameras == 2 else (POSE_FACTOR, UNSEEN_PX)
         )
-        excess = max(misfit_px**2 - POINTS_PX**2, 0.0)
-        pose_px = factor * self.turn_gain * math.sqrt(excess)
+        excess = max(residual_px**2 - POINTS_PX**2, 0.0)
+        pose_px = factor * self.rotation_gain * math.sqrt(excess)
         scale_px = self.worth_px * (scale_error / TOLERANCE)
         sigma_px = np.hypot(np.hypot(scale_px, pose_px), math.hypot(MATCHING_PX, ASKEW * excess, unseen_px))
         # The degrees of freedom of a sum of known and estimated variances (Welch and Satterthwaite).
@@ -142,7 +144,7 @@ def measure_support(
 
 
 def _votes(surface: Surface, voters: Sequence[tuple[SourceView, Surface]]) -> tuple[Array, Array, Array]:
-    """Return the evidence by other views, their motion by `TOLERANCE` of the depth, px, and `turn_gain`.
+    """Return the evidence by other views, their motion by `TOLERANCE` of the depth, px, and `rotation_gain`.
 
     The gain is of the least squares of all views' motions: a turn of a view moves its own match, one of this
     camera moves all of them alike, so that only motions to opposite sides make up for it.

@@ -77,9 +77,9 @@ def _between(evidence: Array, radius: int) -> Array:
     With evidence on one side only, smoothness would extend an object beyond its edge, into the dark.
     """
     mask = evidence.astype(np.uint8)
-    kept = evidence
+    valid = evidence
     for kernel in (np.ones((1, radius + 1), np.uint8), np.ones((radius + 1, 1), np.uint8)):
         last = kernel.shape[1] - 1, kernel.shape[0] - 1
         ahead, back = (cv2.dilate(mask, kernel, anchor=anchor) for anchor in ((0, 0), last))
-        kept = kept | (ahead & back > 0)
-    return kept
+        valid = valid | (ahead & back > 0)
+    return valid

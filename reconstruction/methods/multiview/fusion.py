@@ -38,10 +38,10 @@ class _Map(ctypes.Structure):
     @classmethod
     def of(cls, view: View, *arrays: Array) -> "_Map":
         """Return a view's map for the kernels, of its depth and what else they read or write of it."""
-        matrix, turn = view.matrix, view.rotation
+        matrix, rotation = view.matrix, view.rotation
         numbers = (
-            *(matrix @ turn, matrix @ view.translation),
-            *(np.linalg.inv(matrix).T @ turn, view.centre, turn),
+            *(matrix @ rotation, matrix @ view.translation),
+            *(np.linalg.inv(matrix).T @ rotation, view.centre, rotation),
         )
         made = cls(*(array.ctypes.data for array in arrays))
         made.height, made.width = arrays[0].shape
@@ -100,8 +100,8 @@ def fuse_posed_maps(
         if not (*depth.shape, 3) == normals.shape == picture.shape:
             raise ValueError(f"a depth map of {depth.shape} has normals or a picture of another size")
     given = [_Map.of(view, *parts) for (view, *_), parts in zip(maps, arrays, strict=True)]
-    most = sum(depth.size for depth, *_ in arrays) // required + 1
-    points, seen = np.empty((most, 9), np.float32), np.empty((most, len(maps)), bool)
+    max_views = sum(depth.size for depth, *_ in arrays) // required + 1
+    points, seen = np.empty((max_views, 9), np.float32), np.empty((max_views, len(maps)), bool)
     number = ctypes.c_int64()
     call_kernel(
         "fuse",

@@ -129,7 +129,7 @@ def model_instant(
         checked = check_images(maps_found.usable)
         if not scene.lenses.doubt(rough=True):
             confidence, ends = measure_confidence(images, sources, maps, checked, scene.scale_error)
-    misfit_px = None if checked is None else checked.error_px
+    residual_px = None if checked is None else checked.error_px
     views, pictures = image_views(images), image_colours(images)
     progress.step("fusing the maps into a cloud")
     fused = maps_found.cloud
@@ -169,7 +169,7 @@ def model_instant(
         reference=reference,
         **{name: getattr(own, name) for name in FIGURES},
         expected_range=ends.get(reference),
-        rest_error_px=None if misfit_px is None else round(misfit_px, 3),
+        rest_error_px=None if residual_px is None else round(residual_px, 3),
         rest_errors_px={} if checked is None else {c: round(px, 3) for c, px in checked.errors_px.items()},
         rest_points=0 if checked is None else checked.points,
         turn_error=turn_error(views[reference], others[0], depth) if len(others) == 1 else None,
@@ -226,11 +226,11 @@ def measure_confidence(
     calibrated = {camera: image.calibrated for camera, image in images.items()}
     files, ranges = {}, {}
     for camera, support in measure_support(calibrated, sources, maps):
-        known, misfit_px = maps[camera].depth > 0, checked.errors_px.get(camera, checked.error_px)
-        sure = support.confidence(misfit_px, scale_error)
+        known, residual_px = maps[camera].depth > 0, checked.errors_px.get(camera, checked.error_px)
+        sure = support.confidence(residual_px, scale_error)
         files[camera] = np.where(known, sure, 0).astype(np.float16)
         if support.cameras == 2:
-            low, high = support.confidence_if_turned(misfit_px, scale_error)
+            low, high = support.confidence_if_turned(residual_px, scale_error)
             ranges[camera] = round(float((low * known).mean()), 4), round(float((high * known).mean()), 4)
     return files, ranges
 

@@ -137,8 +137,8 @@ def _thin_out(points: Array) -> Array:
     # A million cubes along each axis, ten kilometres, suffice for any scene.
     keys = (cubes[:, 0] << 40) | (cubes[:, 1] << 20) | cubes[:, 2]
     # Neighbouring pixels often share a cube, and need no sorting.
-    kept = np.flatnonzero(np.diff(keys, prepend=keys[0] - 1))
-    return np.asarray(points[kept[np.unique(keys[kept], return_index=True)[1]]])
+    firsts = np.flatnonzero(np.diff(keys, prepend=keys[0] - 1))
+    return np.asarray(points[firsts[np.unique(keys[firsts], return_index=True)[1]]])
 
 
 def score_moving(

@@ -115,10 +115,10 @@ def join_maps(
     for name, (view, found, picture) in small.items():
         depth, mine = found.depth, found.depth > 0
         surface = view.unproject(view.grid(), depth.reshape(-1)).reshape(*depth.shape, 3)
-        for other, theirs in taken.items():
+        for other, covered in taken.items():
             pixels = np.nonzero(mine)
             at, ratio = _compare(surface[pixels], views[other], depth_views[other])
-            mine[pixels] = (ratio == 0) | ~theirs.take(at)
+            mine[pixels] = (ratio == 0) | ~covered.take(at)
         seam = cv2.dilate(mine.astype(np.uint8), np.ones((3, 3), np.uint8))
         pixels = np.nonzero((depth > 0) & (seam > 0))
         points = surface[pixels]
@@ -140,7 +140,7 @@ def join_maps(
         z = depth[pixels][triangles.T]
         whole = np.ptp(z, axis=0) < MAX_JUMP * z.min(0)
         steep = triangles[~whole]
-        off_plane = _farthest_off_plane(points[steep], normals[steep])
+        off_plane = _max_off_plane(points[steep], normals[steep])
         whole[~whole] = off_plane < MAX_JUMP * z[:, ~whole].min(0)
         triangles = triangles[whole]
         # What this map shows but no triangle of it contains is left to the others.
@@ -156,7 +156,7 @@ def join_maps(
     return points[used], colours[used], (np.cumsum(used) - 1)[triangles]
 
 
-def _farthest_off_plane(corners: Array, normals: Array) -> Array:
+def _max_off_plane(corners: Array, normals: Array) -> Array:
     """Return the largest distance (m,) of triangles' corners from each other's tangent planes.
 
     `corners` and unit `normals` are (m, 3, 3).

@@ -123,11 +123,11 @@ def _in_place(views: Mapping[str, View], before: Mapping[str, View]) -> dict[str
     left, _, right = np.linalg.svd(
         sum(before[name].rotation.T @ view.rotation for name, view in views.items())
     )
-    turn = left @ np.diag([1, 1, np.linalg.det(left @ right)]) @ right
+    aligned = left @ np.diag([1, 1, np.linalg.det(left @ right)]) @ right
     placed = {}
     for name, view in views.items():
-        rotation = view.rotation @ turn.T
-        centre = old_middle + scale * turn @ (view.centre - middle)
+        rotation = view.rotation @ aligned.T
+        centre = old_middle + scale * aligned @ (view.centre - middle)
         placed[name] = replace(view, rotation=rotation, translation=-rotation @ centre)
     return placed
 

@@ -6,7 +6,11 @@ from capture_app.session.format.calibration import LensKnowledge
 from capture_app.session.reading.take_sheet import PAIR_DEPTH
 from reconstruction.common.outputs import REPORT
 from reconstruction.method.truth import DepthShares
-from reconstruction.scene.calibration.consistency import describe_misfit, describe_turn, no_measurement
+from reconstruction.scene.calibration.consistency import (
+    describe_residual,
+    describe_sideways_error,
+    no_measurement,
+)
 from reconstruction.scene.provenance import Provenance
 
 RESULT = "multiview.json"
@@ -112,11 +116,11 @@ class MultiviewResult(Provenance, frozen=True, kw_only=True):
         if warning := no_measurement(self.lenses):
             return warning
         expected = self.expected_range or self.expected_within_2pct
-        fit = describe_misfit(
+        fit = describe_residual(
             self.rest_error_px, self.rest_points, expected=expected, errors_px=self.rest_errors_px
         )
         if self.turn_error is not None:
-            fit = f"{fit}; {describe_turn(self.turn_error)}"
+            fit = f"{fit}; {describe_sideways_error(self.turn_error)}"
         if self.scale_error < UNCERTAIN_SCALE:
             return fit
         return (

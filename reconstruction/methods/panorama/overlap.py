@@ -181,9 +181,9 @@ class Misalignment(Struct, frozen=True, kw_only=True):
     @classmethod
     def at_points(cls, lengths: Array) -> "Misalignment":
         """Summarize lengths (n,), NaN where a point was lost."""
-        spread = known(lengths)
-        median, p95 = map(float, np.percentile(spread, [50, 95])) if len(spread) else (None, None)
-        return cls(points=len(spread), lost=len(lengths) - len(spread), median_px=median, p95_px=p95)
+        lengths_px = known(lengths)
+        median, p95 = map(float, np.percentile(lengths_px, [50, 95])) if len(lengths_px) else (None, None)
+        return cls(points=len(lengths_px), lost=len(lengths) - len(lengths_px), median_px=median, p95_px=p95)
 
 
 class OverlapScore(Struct, frozen=True, kw_only=True):

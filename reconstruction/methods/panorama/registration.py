@@ -263,9 +263,9 @@ def register_pictures(
 
 def _why_apart(views: Mapping[str, View], overlaps: Mapping[tuple[str, str], PictureOverlap]) -> str:
     """Return why no two images belong together."""
-    most_shared = max((len(overlap.fits) for overlap in overlaps.values()), default=0)
-    if most_shared < MIN_MATCHES:
-        return f"no two pictures share more than {most_shared} points"
+    max_shared = max((len(overlap.fits) for overlap in overlaps.values()), default=0)
+    if max_shared < MIN_MATCHES:
+        return f"no two pictures share more than {max_shared} points"
     pairs = (((views[a].undistorted, views[b].undistorted), *one.at) for (a, b), one in overlaps.items())
     if all(consistent_matches(*pair) is None for pair in pairs):
         return "no two pictures show the same things"

@@ -24,9 +24,9 @@ def assign(costs: Array, limit: float) -> Iterator[tuple[int, int]]:
         done = np.zeros(columns + rows, bool)
         row, reached, column = begin, 0.0, -1
         while row >= 0:
-            ways = reached + table[row] - of_row[row] - of_column
-            nearer = ~done & (ways < shortest)
-            shortest[nearer], before[nearer] = ways[nearer], column
+            reduced = reached + table[row] - of_row[row] - of_column
+            nearer = ~done & (reduced < shortest)
+            shortest[nearer], before[nearer] = reduced[nearer], column
             column = int(np.where(done, np.inf, shortest).argmin())
             reached, row = float(shortest[column]), int(owner[column])
             done[column] = True

@@ -162,11 +162,11 @@ def _squares(width: int, height: int) -> list[tuple[int, int, int, int]]:
 
 def _distinct(crops: Sequence[Crop]) -> list[Crop]:
     """Return the crops of different people, of each person the first."""
-    kept = list[Crop]()
+    chosen = list[Crop]()
     for crop in crops:
-        if not any(map(crop.is_near, kept)):
-            kept.append(crop)
-    return kept
+        if not any(map(crop.is_near, chosen)):
+            chosen.append(crop)
+    return chosen
 
 
 def _probability(logits: Array) -> Array:

@@ -52,8 +52,8 @@ class PixelsAt(NamedTuple):
 def size_of(pixels: Array) -> Array:
     """Return the diagonal (n,) of the box around joints (n, joints, 2 or 3); NaN where none is known."""
     known = np.isfinite(pixels)
-    sides = np.where(known, pixels, -np.inf).max(axis=1) - np.where(known, pixels, np.inf).min(axis=1)
-    return np.where(known.any(axis=(1, 2)), np.linalg.norm(sides, axis=1), np.nan)
+    extents = np.where(known, pixels, -np.inf).max(axis=1) - np.where(known, pixels, np.inf).min(axis=1)
+    return np.where(known.any(axis=(1, 2)), np.linalg.norm(extents, axis=1), np.nan)
 
 
 def interpolate(track: Track, at_s: Array, period_s: float, *, nearest: bool = False) -> PixelsAt:
@@ -74,10 +74,10 @@ def interpolate(track: Track, at_s: Array, period_s: float, *, nearest: bool = F
         step = np.where(right > left, times[right] - times[left], np.inf)
         along = (at_s - times[left]) / step
         closest = np.where(along <= 0.5, left, right)
-        away = np.abs(times[closest] - at_s)
-        usable = (step <= MAX_GAP * period_s) & ((np.abs(along - 0.5) <= 0.5) | (away <= EDGE * period_s))
+        apart_s = np.abs(times[closest] - at_s)
+        usable = (step <= MAX_GAP * period_s) & ((np.abs(along - 0.5) <= 0.5) | (apart_s <= EDGE * period_s))
         if nearest:
-            along, usable = along.clip(0, 1).round(), away <= period_s
+            along, usable = along.clip(0, 1).round(), apart_s <= period_s
         places = np.stack([left - 1, left, right, right + 1], axis=1).clip(0, len(times) - 1)
         gaps = np.diff(times[places], axis=1)
         cubic = ((gaps > 0) & (gaps <= MAX_GAP * period_s)).all(axis=1) & (along > 0) & (along < 1)
@@ -96,7 +96,7 @@ def interpolate(track: Track, at_s: Array, period_s: float, *, nearest: bool = F
             np.linalg.norm(pixels[right] - pixels[left], axis=1) / step,
             np.linalg.norm(at - pixels[closest], axis=1),
         )
-        usable |= away < 1e-9
+        usable |= apart_s < 1e-9
         for whole, own in zip(found, values, strict=True):
             whole[usable, joint] = own[usable]
     return found

@@ -25,7 +25,7 @@ def write_people_page(
     )
     points = np.concatenate([person.positions[np.isfinite(person.error)] for person in people.people])
     frame = frame_of(views, np.median(points, axis=0))
-    away = np.concatenate([np.linalg.norm(points - view.centre, axis=1) for view in views.values()])
+    distances = np.concatenate([np.linalg.norm(points - view.centre, axis=1) for view in views.values()])
     instants = [
         {
             "instant": time,
@@ -44,7 +44,7 @@ def write_people_page(
         page,
         name,
         frame=frame,
-        depths=(float(away.min()), float(away.max())),
+        depths=(float(distances.min()), float(distances.max())),
         views=views,
         still=still,
         period_ns=round(step_s * 1e9),

@@ -197,10 +197,10 @@ def _remarks(finder: PeopleFinder) -> tuple[str, ...]:
     unknown = "the errors are of precision alone: the bias of this detector was never measured"
     remarks = (
         (alone, finder.alone),
-        *((remark, 1) for remark in finder.remarks),
+        *((note, 1) for note in finder.remarks),
         (unknown, not finder.bias.any()),
     )
-    return tuple(remark for remark, applies in remarks if applies)
+    return tuple(note for note, applies in remarks if applies)
 
 
 def _left_out(finder: PeopleFinder) -> dict[str, str]:

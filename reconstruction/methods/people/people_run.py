@@ -164,13 +164,13 @@ class PeopleFinder:
         noise = self._noise(seen)
         people = [self._person(one, noise) for one in seen]
         moved = np.concatenate([one.moved[np.isfinite(one.pixels[..., 0])] for one in seen])
-        away = [np.nanmin(np.abs(one.frame_s[:, None] - times_s), axis=0) for one in self.frames]
+        apart_s = [np.nanmin(np.abs(one.frame_s[:, None] - times_s), axis=0) for one in self.frames]
         return PeopleInTime(
             skeleton=self.skeleton,
             times_s=times_s,
             people=[one for one in people if (np.isfinite(one.error).mean(axis=1) >= MIN_JOINTS).any()],
             noise_px=float(np.median(noise)),
-            moved_ms=float(np.median(away)) * 1e3,
+            moved_ms=float(np.median(apart_s)) * 1e3,
             moved_px=float(np.percentile(moved, 95)) if len(moved) else 0.0,
         )
 
@@ -232,8 +232,8 @@ class PeopleFinder:
         near = _running_median(first.reshape(*shape, 3)).reshape(-1, 3)
         lost = np.isnan(self._locate(seen, noise, near).points)
         found = self._locate(seen, noise, np.where(lost, first, near))
-        away = found.points - self.middle
-        covariance = found.covariance + self.scale_error**2 * away[:, :, None] * away[:, None]
+        outward = found.points - self.middle
+        covariance = found.covariance + self.scale_error**2 * outward[:, :, None] * outward[:, None]
         size = float(np.nanmedian(size_of(found.points.reshape(*shape, 3)))) if found.cameras.any() else 0.0
         covariance += (np.tile(self.bias, shape[0]) * size)[:, None, None] ** 2 * np.eye(3)
         parts = radius_95(covariance), found.residual_px, found.cameras

@@ -183,8 +183,8 @@ class PersonMatcher:
         at, depth = _project(self.projections[camera], joints)
         known = (seen.confidence > 0) & np.isfinite(at[:, 0]) & (depth > 0)
         scale = size * self.sizes[camera] / np.maximum(np.nanmean(depth), 1e-9)
-        away = np.linalg.norm(np.nan_to_num(at) - np.nan_to_num(seen.pixels), axis=2) / scale
-        return _mean_distances(away, known)
+        distances = np.linalg.norm(np.nan_to_num(at) - np.nan_to_num(seen.pixels), axis=2) / scale
+        return _mean_distances(distances, known)
 
     def _located(
         self,
@@ -237,15 +237,15 @@ class PersonMatcher:
     ) -> bool:
         """Move an individual to its detections, without those that do not fit; False if none agree."""
         for camera in list(places):
-            if self._misfit(camera, points, individual.size, seen[camera], places[camera]) > 2 * AGREE:
+            if self._residual(camera, points, individual.size, seen[camera], places[camera]) > 2 * AGREE:
                 del places[camera]
         known = np.isfinite(points[:, 0])
         if len(places) < 2 or known.sum() < min(MIN_SHARED, len(points)):
             return False
         step = np.nanmedian(points - individual.joints, axis=0)
-        gone_s = now_s - individual.seen_s
-        if gone_s > 0:
-            step = np.where(np.isfinite(step), step, 0.0) / gone_s
+        unseen_s = now_s - individual.seen_s
+        if unseen_s > 0:
+            step = np.where(np.isfinite(step), step, 0.0) / unseen_s
             individual.speed = individual.speed + (step - individual.speed) * 0.4
         individual.joints = np.where(known[:, None], points, individual.at(now_s))
         individual.known_s = np.where(known, now_s, individual.known_s)
@@ -268,10 +268,10 @@ class PersonMatcher:
             if seen[camera].names:
                 individual.names[camera] = seen[camera].names[owned[0]]
 
-    def _misfit(self, camera: int, points: Array, size: float, seen: Detections, owned: list[int]) -> float:
+    def _residual(self, camera: int, points: Array, size: float, seen: Detections, owned: list[int]) -> float:
         at, depth = _project(self.projections[camera], points)
-        away = np.linalg.norm(at - merged(seen, owned)[0], axis=1) * depth / (size * self.sizes[camera])
-        known = away[np.isfinite(away)]
+        distances = np.linalg.norm(at - merged(seen, owned)[0], axis=1) * depth / (size * self.sizes[camera])
+        known = distances[np.isfinite(distances)]
         return float(np.median(known)) if len(known) else np.inf
 
     def _follow(
@@ -280,11 +280,11 @@ class PersonMatcher:
         """Move an individual that one camera alone shows across that camera's view."""
         joints = individual.at(now_s)
         at, depth = _project(self.projections[camera], joints)
-        away = np.nanmedian(
+        distance = np.nanmedian(
             np.where(seen.confidence[place][:, None] > 0, seen.pixels[place] - at, np.nan), axis=0
         )
         inverse = np.linalg.pinv(self.projections[camera][:, :3])
-        shift = inverse @ np.append(away * np.nanmean(depth), 0.0)
+        shift = inverse @ np.append(distance * np.nanmean(depth), 0.0)
         individual.joints, individual.seen_s = joints + shift, now_s
         individual.speed = individual.speed * 0.8
 
@@ -322,8 +322,8 @@ class PersonMatcher:
         gaps = np.full((len(found), len(weak)), np.inf)
         for row, (points, size, _) in enumerate(found):
             for column, one in enumerate(weak):
-                away = _apart(points, one.at(now_s)) / max(size, one.size)
-                gaps[row, column] = away / (DRIFT + STRIDE * (now_s - one.seen_s))
+                distance = _apart(points, one.at(now_s)) / max(size, one.size)
+                gaps[row, column] = distance / (DRIFT + STRIDE * (now_s - one.seen_s))
         again = dict(assign(gaps, 1.0))
         for row, (points, size, places) in enumerate(found):
             if row in again:
@@ -400,8 +400,8 @@ class PersonMatcher:
                 if camera in places:
                     return None
                 continue
-            away = np.linalg.norm(at - one.pixels, axis=2) / _extents(one.pixels)[:, None]
-            mean = _mean_distances(away, np.isfinite(away) & (one.confidence > 0))
+            distances = np.linalg.norm(at - one.pixels, axis=2) / _extents(one.pixels)[:, None]
+            mean = _mean_distances(distances, np.isfinite(distances) & (one.confidence > 0))
             if camera in places:
                 if mean[places[camera]] > AGREE:
                     return None
@@ -472,10 +472,10 @@ def _project(projection: Array, points: Array) -> tuple[Array, Array]:
         return homogeneous[..., :2] / homogeneous[..., 2:], homogeneous[..., 2]
 
 
-def _mean_distances(away: Array, shared: Array) -> Array:
+def _mean_distances(distances: Array, shared: Array) -> Array:
     """Return the means (n,) of the shared distances (n, joints); infinite where too few are shared."""
     number = shared.sum(axis=1)
-    mean = np.where(shared, np.minimum(away, CAP), 0).sum(axis=1) / np.maximum(number, 1)
+    mean = np.where(shared, np.minimum(distances, CAP), 0).sum(axis=1) / np.maximum(number, 1)
     return np.where(number >= min(MIN_SHARED, shared.shape[1]), mean, np.inf)
 
 
@@ -490,6 +490,6 @@ def _extent(joints: Array) -> float:
 
 def _apart(a: Array, b: Array) -> float:
     """Return the median distance of the joints that both know; infinite where there are none."""
-    away = np.linalg.norm(a - b, axis=1)
-    known = away[np.isfinite(away)]
+    distances = np.linalg.norm(a - b, axis=1)
+    known = distances[np.isfinite(distances)]
     return float(np.median(known)) if len(known) else np.inf

@@ -17,7 +17,7 @@ from reconstruction.depth.compiling import GAUSSIANS
 from reconstruction.depth.kernels import call_kernel, floats
 from reconstruction.depth.seen_moment import Moment, SeenView
 
-SPREAD = 0.6
+SIGMA_PX = 0.6
 """Standard deviation of a pixel's Gaussian along the surface, px."""
 THIN = 0.1
 """Standard deviation across the surface, relative to that."""
@@ -161,7 +161,7 @@ def _surface_elements(seen: SeenView, pixels: Array, centres: Array, size_px: fl
     along = np.where(length > 1e-3, along / np.maximum(length, 1e-9), other)
     along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-9)
     facing = np.abs((rays * normals).sum(axis=1))
-    size = SPREAD * size_px * depth / view.focal
+    size = SIGMA_PX * size_px * depth / view.focal
     sizes = np.stack([size, size / np.maximum(facing, 1 / MAX_SLANT), THIN * size], axis=1)
     return Gaussians(
         places=floats(points),
@@ -185,7 +185,7 @@ def _backdrop_elements(backdrop: Backdrop, first: int) -> Iterator[Gaussians]:
         round_ = ((group % width).mean(axis=1) + 0.5) / width * 2 * np.pi - np.pi
         right = np.stack([np.cos(round_), np.zeros(len(up)), -np.sin(round_)], axis=1)
         outwards = np.stack([np.cos(up) * np.sin(round_), np.sin(up), np.cos(up) * np.cos(round_)], axis=1)
-        side = SPREAD * size * np.pi / height * backdrop.radius
+        side = SIGMA_PX * size * np.pi / height * backdrop.radius
         yield Gaussians(
             places=floats(backdrop.centre + backdrop.radius * outwards),
             axes=floats(np.stack([right, np.cross(outwards, right), -outwards], axis=2)),

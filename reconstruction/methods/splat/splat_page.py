@@ -25,7 +25,7 @@ FINE, MAX_STEPS = 0.3, 2**15 - 1
 """Step of places, relative to the median of the Gaussians' smaller sizes, and the largest number of steps."""
 SIZE_STEP = 0.25
 """Step of the sizes' logarithms."""
-TURN_BITS, OPACITY_BITS = 6, 3
+ROTATION_BITS, OPACITY_BITS = 6, 3
 GREEN_SHIFT, CHROMA_SHIFT = 2, 3
 """Bits of 8 that are left out of green, and of the differences of blue and red to it."""
 COLOURS = slice(8, 11)
@@ -66,7 +66,7 @@ class Grid(NamedTuple):
         columns = [
             np.rint((gaussians.places - self.low) / self.step),
             np.rint(np.log(gaussians.sizes[:, :2] / self.smallest) / SIZE_STEP),
-            np.rint((turns + 1) / 2 * (2**TURN_BITS - 1)),
+            np.rint((turns + 1) / 2 * (2**ROTATION_BITS - 1)),
             np.stack(
                 [green >> GREEN_SHIFT, blue - green >> CHROMA_SHIFT, red - green >> CHROMA_SHIFT], axis=1
             ),
@@ -116,7 +116,7 @@ def write_splat_page(
                 "smallest": grid.smallest,
                 "ratio": SIZE_STEP,
                 "thin": THIN,
-                "levels": [2**TURN_BITS - 1, 2**OPACITY_BITS - 1],
+                "levels": [2**ROTATION_BITS - 1, 2**OPACITY_BITS - 1],
                 "shifts": [GREEN_SHIFT, CHROMA_SHIFT],
             },
         ),

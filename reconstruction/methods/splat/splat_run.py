@@ -73,10 +73,10 @@ class MadeSplat(Made[SplatResult]):
     def gaussians(self, instant: int | None = None) -> Gaussians:
         """Return the Gaussians of an instant; None = the first. Raises BadInputError if it has no splat."""
         files = {moment.instant: moment.file for moment in self.result.instants}
-        wanted = self.result.instants[0].instant if instant is None else instant
-        if wanted not in files:
-            raise BadInputError(f"instant {wanted} has no splat", hint=f"there are {sorted(files)}")
-        return read_splats(self.folder / files[wanted])
+        chosen = self.result.instants[0].instant if instant is None else instant
+        if chosen not in files:
+            raise BadInputError(f"instant {chosen} has no splat", hint=f"there are {sorted(files)}")
+        return read_splats(self.folder / files[chosen])
 
     def render(self, camera: CameraCalibration, instant: int | None = None) -> Array:
         """Return what a camera would see of a splat, uint8 height x width x 3, BGR, without distortion."""
@@ -139,8 +139,8 @@ def optimize_moments(seen: Iterable[SeenInstant], count: int, options: SplatOpti
         begun = make_gaussians(moment, backdrop)
         begun = begun.chosen(np.argsort(begun.pixels, kind="stable"))
         known = _with_learned(begun, *learned) if learned else begun
-        splat, kept = optimize(known, moment, options.iterations)
-        learned = begun.chosen(kept), splat
+        splat, visible = optimize(known, moment, options.iterations)
+        learned = begun.chosen(visible), splat
         yield one._replace(moment=moment), splat
 
 

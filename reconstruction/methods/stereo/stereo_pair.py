@@ -295,12 +295,12 @@ class StereoPair:
 
     def compute_depth(self, reference: Array, other: Array) -> DepthMap:
         """Return depth from two grey images (uint8) of the pair, checked strictly, to compare conditions."""
-        return self._checked_depth(self._match_both_ways(reference, other))
+        return self._checked_depth(self._match_both_directions(reference, other))
 
     def compute_both(self, reference: Array, other: Array) -> tuple[DepthMap, FilledDepthMap]:
         """Return what `compute_depth` does, and depth that is filled from the background, by one match."""
-        both_ways = self._match_both_ways(reference, other)
-        return self._checked_depth(both_ways), self._filled_depth(both_ways)
+        both_directions = self._match_both_directions(reference, other)
+        return self._checked_depth(both_directions), self._filled_depth(both_directions)
 
     def _checked_depth(self, found: _Match) -> DepthMap:
         checked = found.checked()
@@ -331,7 +331,7 @@ class StereoPair:
             confidence=self._confidence(found, np.isfinite(checked)),
         )
 
-    def _match_both_ways(self, reference: Array, other: Array) -> _Match:
+    def _match_both_directions(self, reference: Array, other: Array) -> _Match:
         a, seen_a = self.rectification.remap(reference)
         b, seen_b = self.rectification.remap(other, other=True)
         raw, backward = self._match(a, b, seen_a, seen_b)
@@ -345,8 +345,8 @@ class StereoPair:
         warped = warp_by_disparity(b, raw)
         left_right = np.abs(warp_by_disparity(backward, raw) - raw)
         shown = np.where(np.isfinite(warped), warped, a).astype(np.float32)
-        alike = same_brightness(a.astype(np.float32), shown)
-        agreed = np.where(_without_islands(alike & (left_right <= MAX_LEFT_RIGHT_PX), raw), raw, np.nan)
+        similar = same_brightness(a.astype(np.float32), shown)
+        agreed = np.where(_without_islands(similar & (left_right <= MAX_LEFT_RIGHT_PX), raw), raw, np.nan)
         return _Match(
             a,
             b,
@@ -354,7 +354,7 @@ class StereoPair:
             backward,
             left_right,
             difference=np.abs(a.astype(np.float32) - warped),
-            surface=refine_disparity(a, b, np.where(alike, fill_small_holes(agreed, raw), np.nan)),
+            surface=refine_disparity(a, b, np.where(similar, fill_small_holes(agreed, raw), np.nan)),
             displacement=residual_displacement(a, shown.astype(np.uint8)),
         )
 

@@ -24,7 +24,7 @@ from reconstruction.methods.stereo.stereo_pair import (
     StereoPair,
     find_disparity_range,
 )
-from reconstruction.scene.calibration.consistency import describe_turn, no_measurement, turn_error
+from reconstruction.scene.calibration.consistency import describe_sideways_error, no_measurement, turn_error
 from reconstruction.scene.conditions import Condition, evenly_spaced
 from reconstruction.scene.instant_choice import instants_shown
 from reconstruction.scene.pairs import PairChoice
@@ -85,8 +85,8 @@ class StereoDepth(Provenance, frozen=True, kw_only=True):
     @property
     def basis(self) -> str:
         """What the depth rests on, in words: lenses that are not known well, or what `turn_error` means."""
-        turn = "" if self.turn_error is None else describe_turn(self.turn_error)
-        return no_measurement(self.lenses) or turn
+        warning = "" if self.turn_error is None else describe_sideways_error(self.turn_error)
+        return no_measurement(self.lenses) or warning
 
 
 class MadeStereo(Made[StereoDepth]):

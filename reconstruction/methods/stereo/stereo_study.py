@@ -182,7 +182,7 @@ class StereoStudy(Score):
         """Return the measured pixels of every instant, equal in both conditions."""
         (reference, other), dataset, motion = self.cameras, self.dataset, self.motion
         moving = [motion.moving(reference, now) for now, _ in pairs]
-        still = median_still_depth([sides["synced"].depth for sides in maps], moving)
+        still = median_still_depth([pair["synced"].depth for pair in maps], moving)
         where, inside = self._projected(still.tobytes())
         instants = []
         for (now, later), pair_maps, mask in zip(pairs, maps, moving, strict=True):

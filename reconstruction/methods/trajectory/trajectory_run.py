@@ -124,14 +124,14 @@ def follow(
         for point in points
     ]
     write_atomic(folder / TABLE, ("\n".join(lines) + "\n").encode())
-    kept = path.residuals_px(rays.choose(~odd))
+    residuals_px = path.residuals_px(rays.choose(~odd))
     return TrajectoryResult(
         session=dataset.name,
         unit=scene.unit,
         cameras=counted,
         frames=len(odd),
         outliers=int(odd.sum()),
-        rms_px=round(float(np.sqrt((kept**2).mean())), 4),
+        rms_px=round(float(np.sqrt((residuals_px**2).mean())), 4),
         knot_ms=round(path.knot_s * 1e3, 3),
         seconds_followed=round(float(seen_s[-1] - seen_s[0]), 6),
         left_out={name: "the object is in none of its frames" for name in views if name not in counted},

@@ -69,8 +69,8 @@ def _seen(camera: str, seen: SeenView) -> dict[str, Any]:
     known = small[small > 0]
     near, far = (float(known.min()), float(known.max()) * 1.0001) if len(known) else (1.0, 2.0)
     with np.errstate(divide="ignore"):
-        share = (1 / small - 1 / far) / (1 / near - 1 / far)
-    level = np.where(small > 0, 1 + np.rint(np.clip(share, 0, 1) * LEVELS), 0).astype(np.uint16)
+        fraction = (1 / small - 1 / far) / (1 / near - 1 / far)
+    level = np.where(small > 0, 1 + np.rint(np.clip(fraction, 0, 1) * LEVELS), 0).astype(np.uint16)
     # Red has the upper eight bits, green the lower four.
     packed = np.stack([np.zeros_like(level), (level & 15) << 4, level >> 4], axis=2).astype(np.uint8)
     return {

@@ -30,9 +30,9 @@ SIMPLE = frozenset(range(6))
 """Parameters of the first adjustment: few boards, or boards at one angle, do not determine higher terms."""
 GROUPS = {False: ((8,), (6, 7), (5,)), True: ((7,), (6,), (5,))}
 """Terms that are left out together, in this order, of a perspective lens and of a fisheye."""
-USUAL_CENTRE = 0.1
+TYPICAL_CENTRE = 0.1
 """Standard deviation of lenses' principal points from the middle of the picture, in its longer side."""
-USUAL_BEND, USUAL_FISHEYE_BEND, USUAL_TANGENTIAL = 0.3, 0.1, 0.01
+TYPICAL_BEND, TYPICAL_FISHEYE_BEND, TYPICAL_TANGENTIAL = 0.3, 0.1, 0.01
 """Standard deviation of a term's shift of the picture's corner, in the corner's distance from the middle."""
 MIN_NOISE_PX = 0.02
 """Minimum noise of corners that is assumed."""
@@ -164,9 +164,9 @@ def _borne_terms(
 
     `needed`: minimum squared size of a term, in its variances.
     """
-    kept, lens, variance = terms, lens.copy(), covariance
+    determined, lens, variance = terms, lens.copy(), covariance
     for group in GROUPS[is_fisheye] if terms else ():
-        if group == (5,) and 8 in kept:
+        if group == (5,) and 8 in determined:
             break
         where = np.ix_(group, group)
         gain = np.linalg.solve(variance[where], lens[list(group)])
@@ -177,9 +177,9 @@ def _borne_terms(
         # The other values as they are once these are known to be 0.
         lens = lens - variance[:, group] @ gain
         variance = variance - variance[:, group] @ np.linalg.solve(variance[where], variance[list(group)])
-        kept -= {*group}
-    lens[sorted(terms - kept)] = 0.0
-    return kept, lens
+        determined -= {*group}
+    lens[sorted(terms - determined)] = 0.0
+    return determined, lens
 
 
 class Adjustment:
@@ -202,10 +202,10 @@ class Adjustment:
         self.free[LENS:CAMERA] = False
         self.of_lens = {name: slice(at, at + LENS) for name, at in self.of_camera.items()}
         # What lenses are like decides what the corners leave open.
-        self.usual, self.weight = np.zeros(len(self.free)), np.zeros(len(self.free))
+        self.typical, self.weight = np.zeros(len(self.free)), np.zeros(len(self.free))
         for name, lens in self.of_lens.items():
             self.free[lens] = [place in terms[name] for place in range(LENS)]
-            self.usual[lens], deviation = _usual_lens(views[name])
+            self.typical[lens], deviation = _typical_lens(views[name])
             self.weight[lens] = (noise_px / deviation) ** 2 * self.free[lens]
 
     def start(self) -> Array:
@@ -311,32 +311,32 @@ class Adjustment:
             loss += float(np.where(size < HUBER_PX, size**2 / 2, HUBER_PX * (size - HUBER_PX / 2)).sum())
             normal[np.ix_(where, where)] += jacobian.T @ jacobian
             gradient[where] += jacobian.T @ (weight * error.ravel())
-        unusual = self.weight * (values - self.usual)
-        loss += float(unusual @ (values - self.usual)) / 2
+        unusual = self.weight * (values - self.typical)
+        loss += float(unusual @ (values - self.typical)) / 2
         normal[np.diag_indices(len(values))] += self.weight
         gradient += unusual
         return (loss if np.isfinite(loss) else np.inf), normal, gradient
 
 
-def _usual_lens(view: View) -> tuple[Array, Array]:
+def _typical_lens(view: View) -> tuple[Array, Array]:
     """Return what lenses of this field are like: means and standard deviations of the parameters (LENS,)."""
     size = np.array([view.width, view.height])
     corner = float(np.linalg.norm(size / 2) / view.focal)
     # As far as the terms bend the picture's corner, they are alike for lenses of any focal length.
     if view.is_fisheye:
-        terms = [USUAL_FISHEYE_BEND / corner ** (2 * n) for n in (1, 2, 3, 4)] + [1.0]
+        terms = [TYPICAL_FISHEYE_BEND / corner ** (2 * n) for n in (1, 2, 3, 4)] + [1.0]
     else:
-        radial = [USUAL_BEND / corner ** (2 * n) for n in (1, 2, 3)]
-        terms = [*radial[:2], *[USUAL_TANGENTIAL / corner] * 2, radial[2]]
+        radial = [TYPICAL_BEND / corner ** (2 * n) for n in (1, 2, 3)]
+        terms = [*radial[:2], *[TYPICAL_TANGENTIAL / corner] * 2, radial[2]]
     mean = np.array([view.matrix[0, 0], view.matrix[1, 1], *(size - 1) / 2, 0, 0, 0, 0, 0])
-    return mean, np.array([np.inf, np.inf, *[USUAL_CENTRE * size.max()] * 2, *terms])
+    return mean, np.array([np.inf, np.inf, *[TYPICAL_CENTRE * size.max()] * 2, *terms])
 
 
 def _centre_variance(view: View, pose: Array) -> Array:
     """Return the covariance of a camera's position by that of its rotation vector and translation."""
-    _, by_turn = cv2.Rodrigues(cv2.Rodrigues(view.rotation)[0])
-    by_turn = np.einsum("vrc,r->cv", by_turn.reshape(3, 3, 3), view.translation)
-    slopes = -np.hstack([by_turn, view.rotation.T])
+    _, by_rotation = cv2.Rodrigues(cv2.Rodrigues(view.rotation)[0])
+    by_rotation = np.einsum("vrc,r->cv", by_rotation.reshape(3, 3, 3), view.translation)
+    slopes = -np.hstack([by_rotation, view.rotation.T])
     return np.asarray(slopes @ pose @ slopes.T)
 
 

@@ -72,7 +72,7 @@ INACCURATE_PX, UNMEASURED_PX = 0.3, 2.0
 
 Exact rigs have 0.05 to 0.15; of jumper with one to four cameras turned by 0.5 to 2 px, 92 % have a camera of
 over 0.3."""
-TURN_PX = 0.5
+ROTATION_PX = 0.5
 """Turn for which the error of two cameras' depth is said, px."""
 TYPICAL_WIDTH = 640
 """Image width below which the limit shrinks: exchanged cameras then differ by fewer pixels."""
@@ -124,7 +124,7 @@ class CalibrationCheck(Struct, frozen=True, kw_only=True):
         return self.by_lenses or ", ".join(map(str, self.moved)) or "no camera has moved"
 
 
-def describe_misfit(
+def describe_residual(
     error_px: float | None,
     points: int,
     remedy: str = "calibrate the rig again, or try --refine",
@@ -152,18 +152,21 @@ def describe_misfit(
 def turn_error(first: View, second: View, depth: Array) -> float | None:
     """Return the relative error of the median of `depth`, in the first view, by a turn that no point shows.
 
-    A turn of `TURN_PX` about the axis across the line between two cameras moves all points along their
+    A turn of `ROTATION_PX` about the axis across the line between two cameras moves all points along their
     epipolar lines. None without depth.
     """
     known = depth[depth > 0]
     between = first.rotation @ (second.centre - first.centre)
     across = float(np.hypot(between[0], between[1]) * first.matrix[0, 0])
-    return TURN_PX * float(np.median(known)) / across if known.size and across > 0 else None
+    return ROTATION_PX * float(np.median(known)) / across if known.size and across > 0 else None
 
 
-def describe_turn(error: float) -> str:
+def describe_sideways_error(error: float) -> str:
     """Describe what depth from two cameras may be off by, unseen, as `turn_error` returns it."""
-    return f"two cameras do not show a turn sideways: {TURN_PX} px of it is {100 * error:.1f} % of depth here"
+    return (
+        "two cameras do not show a turn sideways: "
+        f"{ROTATION_PX} px of it is {100 * error:.1f} % of depth here"
+    )
 
 
 def lens_knowledge(
@@ -183,8 +186,8 @@ def lens_knowledge(
 def no_measurement(lenses: LensKnowledge) -> str:
     """Return the warning about depth by lenses that are not known well; empty if they are."""
     what = "inaccurate" if lenses.level == "roughly" else "not a measurement"
-    doubt = f"{what}: {lenses.doubt(rough=True)}; calibrate with a board that reaches the corners"
-    return f"warning: this depth is {doubt}" if lenses.level != "well" else ""
+    warning = f"{what}: {lenses.doubt(rough=True)}; calibrate with a board that reaches the corners"
+    return f"warning: this depth is {warning}" if lenses.level != "well" else ""
 
 
 def check_rig(
@@ -213,8 +216,8 @@ def check_rig(
     by_lenses = next((text for text, _ in judged if text), "")
     holds = not by_lenses and (worst is None or worst.shift_px <= limit)
     # What doubtful focal lengths move at least, a quarter of the width from the middle.
-    least_px = {"well": 0.0, "roughly": SURE_LENSES, "not": ROUGH_LENSES}[known.level] / 4
-    if worst and not by_lenses and worst.shift_px <= least_px * min(views[n].width for n in worst.cameras):
+    min_px = {"well": 0.0, "roughly": SURE_LENSES, "not": ROUGH_LENSES}[known.level] / 4
+    if worst and not by_lenses and worst.shift_px <= min_px * min(views[n].width for n in worst.cameras):
         by_lenses = (
             f"points at rest miss {' or '.join(worst.cameras)} by {worst.shift_px:.1f} px, "
             f"with {known.doubt(rough=True)}"
@@ -497,10 +500,10 @@ def find_mixups(views: Views, features: Mapping[str, Features]) -> list[tuple[st
             for a, b in combinations(names if len(names) <= MAX_SUSPECTS else (), 2)
         ]
         tried = [(_odd(now | changed, groups, limit), changed, fault) for changed, fault in changes]
-        fewest, changed, fault = min(tried, key=lambda trial: len(trial[0]))
-        if len(fewest) >= len(left):
+        excluded, changed, fault = min(tried, key=lambda trial: len(trial[0]))
+        if len(excluded) >= len(left):
             break
-        left = fewest
+        left = excluded
         now |= changed
         faults.append(fault)
     if not left:
@@ -586,7 +589,7 @@ def refuse_bad_calibration(quality: CalibrationQuality, cameras: int, advice: st
     `advice` is a further hint.
     """
     error, angle = quality.reprojection_error_px, quality.triangulation_angle_deg
-    share = f"{100 * quality.inlier_share:.0f} %"
+    fraction = f"{100 * quality.inlier_share:.0f} %"
     unjudged = why = ""
     if 2 * len(quality.coverage) < cameras:
         why = f"it covers only {len(quality.coverage)} of {cameras} cameras"
@@ -595,7 +598,7 @@ def refuse_bad_calibration(quality: CalibrationQuality, cameras: int, advice: st
     elif quality.points < MIN_PAIR_POINTS:
         unjudged = f"its cameras share only {quality.points} points; {MIN_PAIR_POINTS} are needed"
     elif quality.inlier_share < MIN_INLIER_FRACTION:
-        why = f"only {share} of the shared points have a reprojection error below {INLIER_PX:g} px"
+        why = f"only {fraction} of the shared points have a reprojection error below {INLIER_PX:g} px"
     elif error > MAX_REPROJECTION_PX:
         why = f"the median reprojection error is {error:.1f} px, above {MAX_REPROJECTION_PX:g} px"
     elif angle < MIN_ANGLE_DEG:

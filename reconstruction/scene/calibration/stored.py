@@ -238,13 +238,13 @@ def choose_calibration(features: SceneFeatures) -> Calibration | None:
     return stored.with_origin
 
 
-def _middle_features(dataset: Dataset, cameras: Iterable[str], *least: int) -> dict[str, Features]:
+def _middle_features(dataset: Dataset, cameras: Iterable[str], *detection: int) -> dict[str, Features]:
     """Return by camera the features of its middle image, if that can be read."""
     shelves = {}
     for name in cameras:
         if there := dataset.instants(name):
             with suppress(BadInputError):
-                shelves[name] = detect_features(dataset.grey(name, there[len(there) // 2]), *least)
+                shelves[name] = detect_features(dataset.grey(name, there[len(there) // 2]), *detection)
     return shelves
 
 

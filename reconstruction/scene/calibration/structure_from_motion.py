@@ -207,11 +207,11 @@ def _contradicting(solved: _Found, focal_px: Mapping[str, float]) -> Calibration
     name = max(found, key=lambda one: abs(math.log(found[one] / focal_px[one])))
     if abs(math.log(found[name] / focal_px[name])) <= worst + GIVEN_ERROR:
         return calibration
-    degrees, wrong, least = (
+    degrees, wrong, low = (
         field_of_view_deg(cameras[name], of)
         for of in (found[name], focal_px[name], found[name] * (1 + worst))
     )
-    text = f"{wrong:.1f} degrees were given; the pictures say {degrees:.1f} ± {degrees - least:.1f} ({name})"
+    text = f"{wrong:.1f} degrees were given; the pictures say {degrees:.1f} ± {degrees - low:.1f} ({name})"
     talk(f"{text}: the pictures are believed")
     return msgspec.structs.replace(calibration, source=f"{calibration.source}, {text}")
 

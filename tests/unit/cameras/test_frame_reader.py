@@ -70,6 +70,6 @@ async def test_a_device_that_is_gone_is_reported_after_its_frames() -> None:
 
 async def test_reads_are_frequent_enough_for_few_buffers() -> None:
     fast = FrameReader(list, print, print, period_ns=PERIOD_NS, buffers=4)
-    assert fast._pace_s <= 4 * PERIOD_NS / 4e9
+    assert fast._interval_s <= 4 * PERIOD_NS / 4e9
     fast.stop()
     assert fast._max_waiting * PERIOD_NS == frame_reader.BUDGET_NS

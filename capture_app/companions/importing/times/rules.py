@@ -158,8 +158,8 @@ def make_times(layout: Layout, options: TimeOptions) -> Times:
 def _known(state: TimesState, sentence: str, options: TimeOptions) -> CommonTimes:
     """Return the state of a rule's times, with the user's corrections and uncertainty."""
     if options.offsets_ms:
-        told = "--time-shift-ms" if state == "unknown" else f"{sentence}; shifted by --time-shift-ms"
-        return CommonTimes(state="given", reason=told)
+        reason = "--time-shift-ms" if state == "unknown" else f"{sentence}; shifted by --time-shift-ms"
+        return CommonTimes(state="given", reason=reason)
     if state == "unknown" and options.uncertainty_ms is not None:
         return CommonTimes(state="given", reason="--uncertainty-ms")
     return CommonTimes(state=state, reason=sentence)
@@ -407,19 +407,23 @@ def frame_numbers(cameras: Mapping[str, Sequence[Numbers]]) -> dict[str, Sequenc
     (width, *others) = {len(columns) for columns in changing.values()}
     if others or not width:
         return None
-    kept = {name: [tuple(of[k] for k in changing[name]) for of in names] for name, names in cameras.items()}
+    digits_of = {
+        name: [tuple(of[k] for k in changing[name]) for of in names] for name, names in cameras.items()
+    }
     single: list[dict[str, list[Numbers]]] = [
-        {name: [(name[k],) for name in names] for name, names in kept.items()} for k in range(width)
+        {name: [(name[k],) for name in names] for name, names in digits_of.items()} for k in range(width)
     ]
-    tried = [kept] if _shared(kept) else [digits for digits in single if _shared(digits)] or [kept]
+    tried = (
+        [digits_of] if _shared(digits_of) else [digits for digits in single if _shared(digits)] or [digits_of]
+    )
     usable = [trial for trial in tried if all(len(set(names)) == len(names) for names in trial.values())]
     if len(usable) != 1:
         return None
-    (kept,) = usable
-    if all(len(name) == 1 for names in kept.values() for name in names):
-        return {name: [number for (number,) in names] for name, names in kept.items()}
-    order = {word: n for n, word in enumerate(sorted(set().union(*kept.values())))}
-    return {name: [order[name] for name in names] for name, names in kept.items()}
+    (digits_of,) = usable
+    if all(len(name) == 1 for names in digits_of.values() for name in names):
+        return {name: [number for (number,) in names] for name, names in digits_of.items()}
+    order = {word: n for n, word in enumerate(sorted(set().union(*digits_of.values())))}
+    return {name: [order[name] for name in names] for name, names in digits_of.items()}
 
 
 def _shared(cameras: Mapping[str, Sequence[Numbers]]) -> bool:

@@ -117,7 +117,7 @@ class AravisCamera(ThreadedCamera):
         """Clock of one that cannot; without either, frames are stamped by their arrival."""
         self._target_ns: deque[int] = deque()
         """Requested durations, each for one coming frame, that are not yet sent to the camera."""
-        self._wanted_ns: deque[int] = deque(maxlen=1)
+        self._requested_ns: deque[int] = deque(maxlen=1)
         """Newest duration for the worker to send: one that it has not begun to send is out of date."""
         self._restore_at_ns: int | None = None
         self._last_number: int | None = None
@@ -284,12 +284,12 @@ class AravisCamera(ThreadedCamera):
 
     def _send_duration(self, duration_ns: int) -> None:
         """Let the worker send a duration; it waits for half a second where the camera's answer is lost."""
-        self._wanted_ns.append(duration_ns)
+        self._requested_ns.append(duration_ns)
         self._say(self._set_period)
 
     def _set_period(self) -> None:
         try:
-            period_ns = self._wanted_ns.pop()
+            period_ns = self._requested_ns.pop()
         except IndexError:
             return  # a newer one was sent in its place
         for _ in range(3):

@@ -255,8 +255,8 @@ class RtspCamera(ThreadedCamera):
         try:
             await work
         except (*DISCONNECTED, CameraError) as error:
-            gone = CameraError(f"is gone: {str(error) or 'it hung up'}")
-            known = error if isinstance(error, CameraError) else gone
+            lost = CameraError(f"is gone: {str(error) or 'it hung up'}")
+            known = error if isinstance(error, CameraError) else lost
             hint = known.hint or "it is tried again; check its power and cable"
             self._fail(CameraError(f"{self._connection.host} {known.what}", hint=hint))
 

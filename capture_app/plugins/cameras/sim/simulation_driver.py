@@ -109,8 +109,8 @@ class SimulatedControls:
         """Update an automatic exposure; return whether it has changed."""
         if not self.automatic:
             return False
-        before_ns, turn = self._chosen_ns, 2.0 * math.pi * (true_ns % WANDER_NS) / WANDER_NS
-        self._chosen_ns = self._whole((1.0 + WANDER * math.sin(turn)) * self._profile.exposure_ns)
+        before_ns, angle = self._chosen_ns, 2.0 * math.pi * (true_ns % WANDER_NS) / WANDER_NS
+        self._chosen_ns = self._whole((1.0 + WANDER * math.sin(angle)) * self._profile.exposure_ns)
         return self._chosen_ns != before_ns
 
     def states(self) -> tuple[ControlState, ...]:

@@ -85,8 +85,8 @@ class SoundRing:
         """
         late, self._late = self._late, []
         late_ns = [chunk.late_ns for chunk in late]
-        usual_ns = sorted(late_ns)[len(late) // 4]
-        before = max((n for n, ns in enumerate(late_ns[:-1]) if ns < usual_ns - SAME_NS), default=-1)
+        typical_ns = sorted(late_ns)[len(late) // 4]
+        before = max((n for n, ns in enumerate(late_ns[:-1]) if ns < typical_ns - SAME_NS), default=-1)
         gap_ns = min(late_ns[before + 1 :])
         if gap_ns > MAX_GAP_NS:
             self.begin_stream()

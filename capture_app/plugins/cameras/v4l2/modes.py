@@ -134,9 +134,9 @@ def same_period(period: Fraction, other: Fraction) -> bool:
 
 def no_such_mode(path: str, request: CameraRequest, offered: tuple[Mode, ...]) -> CameraError:
     """Return the error for a missing mode, which lists the camera's modes."""
-    sides = {"width": request.width, "height": request.height}
-    size = " ".join(f"of {side} {px}" for side, px in sides.items() if px is not None)
-    if None not in sides.values():
+    lengths = {"width": request.width, "height": request.height}
+    size = " ".join(f"of {side} {px}" for side, px in lengths.items() if px is not None)
+    if None not in lengths.values():
         size = f"{request.width}x{request.height}"
     rate = "" if request.period_s is None else f"at {_fps(request.period_s)} fps"
     like = [mode for mode in offered if mode.fourcc == request.format] or list(offered)

@@ -147,8 +147,8 @@ class V4L2Camera(ThreadedCamera):
         self._command_lock = asyncio.Lock()
         self._streaming = False
         self._stream = 0
-        wanted = buffer_count(layout.buffer_bytes, period_ns, max_count=32, max_bytes=128 << 20)
-        buffers = [device.query_buffer(index) for index in range(device.request_buffers(wanted))]
+        max_buffers = buffer_count(layout.buffer_bytes, period_ns, max_count=32, max_bytes=128 << 20)
+        buffers = [device.query_buffer(index) for index in range(device.request_buffers(max_buffers))]
         self._memory: list[mmap.mmap] = [device.map(buffer) for buffer in buffers]
         limits, flags = device.control_range("EXPOSURE_ABSOLUTE"), buffers[0].flags
         if flags & v4l2.BUF_FLAG_TIMESTAMP_MASK != v4l2.BUF_FLAG_TIMESTAMP_MONOTONIC:

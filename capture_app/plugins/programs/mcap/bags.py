@@ -204,11 +204,11 @@ def _views(
             return None
         where = f"{path}: {picture.frame_id}"
         _, pose = poses[picture.frame_id]
-        turn, at = pose.rotation, pose.translation
+        rotated, at = pose.rotation, pose.translation
         k, d = (lens.K, lens.D) if hasattr(lens, "K") else (lens.k, lens.d)
         info = {"K": list(k), "D": list(d), "WIDTH": lens.width, "HEIGHT": lens.height}
         info["distortion_model"] = lens.distortion_model
-        rotation = from_quaternion(where, (turn.w, turn.x, turn.y, turn.z)).T
+        rotation = from_quaternion(where, (rotated.w, rotated.x, rotated.y, rotated.z)).T
         if "rect" in picture.topic.rpartition("/")[2]:
             raise BadInputError(f"{where}: {picture.topic} is rectified, and its lens is not", hint=_NO_LENS)
         place = -rotation @ np.array([at.x, at.y, at.z])

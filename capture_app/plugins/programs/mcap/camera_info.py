@@ -73,12 +73,12 @@ def read_calibration(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) 
             for key, value in read_yaml(file).items()
         }
         if "distortion_model" in info and isinstance(info.get("K"), list):
-            turn = numbers(str(file), info, "R", 9).reshape(3, 3).T
+            rotation = numbers(str(file), info, "R", 9).reshape(3, 3).T
             lens, offset = np.split(numbers(str(file), info, "P", 12).reshape(3, 4), [3], axis=1)
             if lens[np.tril_indices(3, -1)].any():
                 raise BadInputError(f"{file} has a P that is not of rectified images", hint=EXPORT_AGAIN)
             place = np.linalg.lstsq(lens, offset.ravel())[0]
-            views[name or file.stem] = view_of_info(str(file), info, turn, turn @ place)
+            views[name or file.stem] = view_of_info(str(file), info, rotation, rotation @ place)
     if len(views) > 1 and not any(view.translation.any() for view in views.values()):
         raise BadInputError(
             f"{' and '.join(views)} were calibrated one by one: no P has a baseline",

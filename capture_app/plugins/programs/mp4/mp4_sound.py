@@ -36,8 +36,8 @@ MAX_MISS_S = 5e-3
 """Distance of frames from the fitted clock above which the user is warned."""
 TAPS, PHASES = 32, 512
 _PLACES = np.arange(TAPS) - TAPS // 2 + 1
-_AWAY = _PLACES - np.arange(PHASES + 1)[:, None] / PHASES
-_SINC = np.sinc(_AWAY) * np.cos(np.pi * _AWAY / (TAPS + 2)) ** 2
+_DISTANCES = _PLACES - np.arange(PHASES + 1)[:, None] / PHASES
+_SINC = np.sinc(_DISTANCES) * np.cos(np.pi * _DISTANCES / (TAPS + 2)) ** 2
 KERNEL = (_SINC / _SINC.sum(1, keepdims=True)).astype(np.float32)
 """Windowed sinc (PHASES + 1, TAPS): linear interpolation would dull the treble."""
 

@@ -36,7 +36,7 @@ _DISTORTION = (
 )
 _ROTATION = ("r", "rvec", "rotation", "rotationofcamera2")
 _TRANSLATION = ("t", "tvec", "translation", "translationofcamera2")
-_SIDES = (("1", "2"), ("0", "1"), ("l", "r"), ("left", "right"))
+_PAIRS = (("1", "2"), ("0", "1"), ("l", "r"), ("left", "right"))
 """How the first and the second camera's keys end, such as M1 and M2, mtxL and mtxR, K_left and K_right."""
 _FISHEYES = ("equidistant", "fisheye")
 _SIZE_KEYS = ("image_width", "image_height")
@@ -202,7 +202,7 @@ def _split_pair(
         )
     poses = (_IDENTITY, {"r": rotation, "t": translation})
     sizes = {key: content[key] for key in (*_SIZE_KEYS, _FISHEYE_KEY) if key in content}
-    lenses = [[_lens(content, side) for side in sides] for sides in _SIDES]
+    lenses = [[_lens(content, side) for side in pair] for pair in _PAIRS]
     both = next((pair for pair in lenses if all(_MATRIX_NAMES & lens.keys() for lens in pair)), lenses[0])
     return {
         name: {**sizes, **lens, **own.get(name, {}), **pose}

@@ -16,8 +16,8 @@ BONE_WIDTH = 0.1
 NO_BONES = 0.02
 """Width of a joint without bones, in the calibration's unit."""
 CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
-SIDES = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]])
-TRIANGLES = SIDES[:, [0, 1, 2, 0, 2, 3]].ravel()
+FACES = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]])
+TRIANGLES = FACES[:, [0, 1, 2, 0, 2, 3]].ravel()
 """A box: its corners, the first four at its first joint, and their numbers around each side."""
 
 

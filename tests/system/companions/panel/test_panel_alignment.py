@@ -13,10 +13,10 @@ from benchmarks.panel.recorded_takes import HEIGHT, WIDTH, Camera
 from benchmarks.simulated.panel_photographs import HandheldPhotograph
 from capture_app.cli import run
 from capture_app.common.errors import ExitCode
+from capture_app.companions.panel.cycle_code import Cycle
 from capture_app.companions.panel.light_model import Shutter
 from capture_app.companions.panel.pattern import PANELS
 from capture_app.companions.panel.time_reading import read_panel
-from capture_app.companions.panel.turn_code import Turn
 from capture_app.companions.panel.visit_reading import read_visit
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
@@ -34,7 +34,7 @@ def test_frames_of_a_visit_know_together_what_each_does_not() -> None:
     rng, true_s = np.random.default_rng(3), 2.0 + np.arange(8) * 0.0517
     middle_ns = one.exposure_ns / 2 + (HEIGHT - 1) / 2 * one.row_time_ns
     images = [
-        (at - 1.5, replace(one, turn=Turn(0, 3)).take(at * 1e9 - middle_ns, rng)) for at in true_s.tolist()
+        (at - 1.5, replace(one, cycle=Cycle(0, 3)).take(at * 1e9 - middle_ns, rng)) for at in true_s.tolist()
     ]
     seen = sorted(read_visit(images, Shutter(8.3e6, 8.3e6 / HEIGHT), Counter()), key=lambda one: one.own_s)
     assert len(seen) == 8

@@ -8,7 +8,7 @@ import pytest
 
 from capture_app.cli import run
 from capture_app.common.errors import ExitCode
-from capture_app.companions.importing.aligning import _most_accurate
+from capture_app.companions.importing.aligning import _best_measured
 from capture_app.session.alignment.alignment_method import AlignmentMethod
 from capture_app.session.format.common_times import NOT_SYNCHRONIZED, CameraTimes, TimesState
 from capture_app.session.library.listing import read_card
@@ -150,4 +150,4 @@ def test_a_result_in_doubt_contradicts_none_that_proves_itself(*, doubts: bool, 
     flash = CameraTimes(offset_ns=5, uncertainty_ns=100)
     measured = {"sound": lambda first, second: sound, "flash": lambda first, second: flash}
     methods = {"sound": method("an echo" * doubts), "flash": method("")}
-    assert _most_accurate("left", "right", measured, methods, trusting=False).offset_ns == offset_ns
+    assert _best_measured("left", "right", measured, methods, trusting=False).offset_ns == offset_ns

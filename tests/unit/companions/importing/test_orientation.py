@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from capture_app.companions.importing.recording import ImportOptions
-from capture_app.session.reading.decoding import decode_image, turn_upright
+from capture_app.session.reading.decoding import decode_image, rotate_upright
 from capture_app.session.reading.verify import verify
 from reconstruction.common.image_files import read_image
 from tests.imported import import_one
@@ -82,4 +82,4 @@ def test_all_eight_orientations_are_those_of_exif() -> None:
         7: [[5, 2], [4, 1], [3, 0]], 8: [[2, 5], [1, 4], [0, 3]],
     }  # fmt: skip
     for orientation, expected in shown.items():
-        assert turn_upright(stored, orientation).tolist() == expected, orientation
+        assert rotate_upright(stored, orientation).tolist() == expected, orientation

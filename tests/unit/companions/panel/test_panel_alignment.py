@@ -10,13 +10,13 @@ from benchmarks.panel.photographs import draw_corners
 from benchmarks.panel.recorded_takes import HEIGHT, WIDTH
 from benchmarks.simulated.panel_photographs import HandheldPhotograph
 from capture_app.common.errors import BadInputError
+from capture_app.companions.panel.cycle_code import Cycle
 from capture_app.companions.panel.finder import panels_seen
 from capture_app.companions.panel.light_model import Shutter
 from capture_app.companions.panel.panel_alignment import match_panels
-from capture_app.companions.panel.panel_track import NO_TURN, PanelTrack, TrackReading, make_track
+from capture_app.companions.panel.panel_track import NO_CYCLE, PanelTrack, TrackReading, make_track
 from capture_app.companions.panel.pattern import PANELS
 from capture_app.companions.panel.time_reading import PanelTime
-from capture_app.companions.panel.turn_code import Turn
 from capture_app.session.format.common_times import CameraTimes
 
 SCREEN = PANELS["screen-60hz-down"]
@@ -92,7 +92,7 @@ def reading(own_s: float, shown_s: float, **fields: Any) -> TrackReading:
         "row_time_error_ns": 0.0,
         "markers": 4,
         "residual": 1.0,
-        "turn": Turn(int(shown_s / cycle_s), 5),
+        "cycle": Cycle(int(shown_s / cycle_s), 5),
     }
     return TrackReading(own_s, PanelTime(**(values | fields)), 100.0)
 
@@ -101,30 +101,30 @@ def test_readings_across_a_turn_are_unwrapped_and_a_misread_code_is_outvoted() -
     cycle_s = SCREEN.cycle_ns / 1e9
     shown_s = 7 * cycle_s - 0.5 + np.linspace(0, 1, 9)
     seen = [reading(50 + k / 8, at) for k, at in enumerate(shown_s)]
-    seen[2] = reading(seen[2].own_s, shown_s[2], turn=Turn(900, 5))
-    seen[5] = reading(seen[5].own_s, shown_s[5], turn=None)
-    # Exposed while the code changed to the next turn, before the reading's own middle did.
-    seen[3] = reading(seen[3].own_s, shown_s[3], turn=Turn(7, 5))
+    seen[2] = reading(seen[2].own_s, shown_s[2], cycle=Cycle(900, 5))
+    seen[5] = reading(seen[5].own_s, shown_s[5], cycle=None)
+    # Exposed while the code changed to the next cycle, before the reading's own middle did.
+    seen[3] = reading(seen[3].own_s, shown_s[3], cycle=Cycle(7, 5))
     found = make_track(seen)
     assert found.page == 5
     assert found.shown_s == pytest.approx(shown_s, abs=1e-6)
 
 
 def test_a_track_says_what_it_lacks() -> None:
-    with pytest.raises(BadInputError, match=NO_TURN.split(":", maxsplit=1)[0]):
-        make_track([reading(0, 5, turn=None)])
+    with pytest.raises(BadInputError, match=NO_CYCLE.split(":", maxsplit=1)[0]):
+        make_track([reading(0, 5, cycle=None)])
     other = reading(1, 6, panel=PANELS["screen-75hz-up"])
     with pytest.raises(BadInputError, match="several panels, screen-60hz-down and screen-75hz-up"):
         make_track([reading(0, 5), other])
-    pages = [reading(k, 5 + k, turn=Turn(0, k % 2)) for k in range(10)]
+    pages = [reading(k, 5 + k, cycle=Cycle(0, k % 2)) for k in range(10)]
     with pytest.raises(BadInputError, match="loaded again"):
         make_track(pages)
 
 
-def photograph(turn: Turn | None = None, **fields: Any) -> HandheldPhotograph:
+def photograph(cycle: Cycle | None = None, **fields: Any) -> HandheldPhotograph:
     corners = draw_corners(SCREEN, np.random.default_rng(5), WIDTH, HEIGHT, oblique=False)
     return HandheldPhotograph(
-        SCREEN, WIDTH, HEIGHT, corners, 10e6, 15e3, defocus=0.6, jpeg_quality=None, turn=turn, **fields
+        SCREEN, WIDTH, HEIGHT, corners, 10e6, 15e3, defocus=0.6, jpeg_quality=None, cycle=cycle, **fields
     )
 
 

@@ -128,7 +128,7 @@ class VirtualPhones:
     def _tell(self) -> None:
         now_ns = self.now_ns
         self.leader.rig_clock.add(ClockSample(now_ns - 100_000, now_ns - 50_000, now_ns - 50_000, now_ns))
-        self.leader.tell_time()
+        self.leader.send_time()
 
 
 def test_phones_keep_the_time_within_what_the_paper_states() -> None:

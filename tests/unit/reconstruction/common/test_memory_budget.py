@@ -154,7 +154,7 @@ def test_threads_side_by_side_keep_to_the_budget_together() -> None:
 SHARING = """
 import ctypes, threading
 from capture_app.common import system
-system.share_heaps(len(system.usable_cores()))
+system.limit_heaps(len(system.usable_cores()))
 libc, together = ctypes.CDLL(None), threading.Barrier(9)
 libc.malloc.restype = libc.fopen.restype = ctypes.c_void_p
 def work():

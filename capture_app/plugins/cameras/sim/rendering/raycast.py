@@ -133,8 +133,8 @@ class Body:
     def occludes(self, rays: Floats, *, near: float, far: float) -> NDArray[np.bool_]:
         """Return whether each ray (N, 6) hits the body between `near` and `far` ray lengths."""
         origins, directions = _parts(rays)
-        reach = np.full(len(rays), far - near, np.float32)
-        hits = self._scene.run(origins + near * directions, directions, dists=reach, query="OCCLUDED")
+        depth_span = np.full(len(rays), far - near, np.float32)
+        hits = self._scene.run(origins + near * directions, directions, dists=depth_span, query="OCCLUDED")
         return np.asarray(hits >= 0)
 
     def surface_at(self, hits: Hits, directions: Floats, footprint: Floats) -> tuple[Floats, Floats]:

@@ -141,13 +141,13 @@ def jumping_child(time_s: Series) -> dict[str, Poses]:
     knee = np.arccos(np.clip(leg / (THIGH_M + SHIN_M), -1, 1))
 
     def limbs(side: float) -> LimbTurns:
-        leg_spread = side * (0.06 + 0.42 * airborne)
+        leg_angle = side * (0.06 + 0.42 * airborne)
         level = rotation(1, np.full_like(yaw, -side * 0.22)) @ rotation(0, 0.55 * airborne)
         beat = np.cos(2 * np.pi * (time_s - CONTACT_S / 2 + side * 0.02) / HOP_S)
         raised = 1.28 - 0.72 * beat + side * 0.16 * np.sin(2 * np.pi * time_s / YAW_PERIOD_S)
         bent = 0.55 - 0.30 * beat
         return {
-            "thigh": rotation(2, -leg_spread) @ rotation(0, -knee),
+            "thigh": rotation(2, -leg_angle) @ rotation(0, -knee),
             "shin": rotation(0, 2 * knee),
             "shoe": hips.rotation @ level,
             "arm": rotation(2, -side * raised) @ rotation(0, np.full_like(beat, -0.25)),

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from capture_app.companions.panel.cycle_code import Cycle
 from capture_app.companions.panel.pattern import PANELS
 from capture_app.companions.panel.time_reading import read_panel
-from capture_app.companions.panel.turn_code import Turn
 from tests.browser import CHROMIUM, Browser
 from tests.unit.companions.panel.screen.browser_page import play, shown, start_browser, write_page
 
@@ -91,7 +91,7 @@ def test_photographs_of_the_page_tell_its_time(
     picture = photograph(shots, way, start, exposure, row_time, rng)
     told = read_panel(picture, exposure_ns=exposure_ms * 1e6, row_time_ns=row_us * 1e3)
     assert told.panel == panel
-    assert told.turn == Turn(0, int(browser.ask("drawing.page")))
+    assert told.cycle == Cycle(0, int(browser.ask("drawing.page")))
     # The panel's own time is that of its middle, which lies below the line of words.
     across = 0.5 if way == "right" else (24 + (size[1] - 24) / 2) / size[1]
     true = first + start + exposure / 2 + told.row * row_time - ACTIVE * across

@@ -9,7 +9,7 @@ from reconstruction.depth.plane_sweep import Surface
 from reconstruction.methods.multiview import confidence
 from reconstruction.methods.multiview.confidence import (
     ASKEW,
-    ASSUMED_MISFIT_PX,
+    ASSUMED_RESIDUAL_PX,
     FREEDOM,
     HOLES,
     IN_FRONT,
@@ -133,7 +133,7 @@ def test_turns_cancel_in_the_middle_of_a_row_not_at_its_end() -> None:
     for at in (0, 2):
         ways = places - at
         errors = (shifts - shifts[:, [at]]) @ ways / (ways**2).sum() * np.abs(ways).max()
-        assert np.median(np.asarray(row[at].turn_gain)[INNER]) == pytest.approx(errors.std(), rel=0.05)
+        assert np.median(np.asarray(row[at].rotation_gain)[INNER]) == pytest.approx(errors.std(), rel=0.05)
 
 
 def test_confidence_falls_with_the_misfit_and_rises_with_the_baseline() -> None:
@@ -149,7 +149,7 @@ def test_confidence_falls_with_the_misfit_and_rises_with_the_baseline() -> None:
     pose_px = POSE_FACTOR * np.sqrt(2 * (0.5**2 - 0.08**2))
     off_px = float(np.linalg.norm([exact_px, pose_px, ASKEW * (0.5**2 - 0.08**2)]))
     assert sure(off_px, 0.5) == pytest.approx(0.676, abs=0.001)
-    assert sure(0.5, None) == sure(0.5, ASSUMED_MISFIT_PX)
+    assert sure(0.5, None) == sure(0.5, ASSUMED_RESIDUAL_PX)
     assert sure(1.0, 2.0) < sure(1.0, 0.5) < sure(1.0, 0.15)
     assert sure(4.0, 0.1, -0.75) < sure(4.0, 0.1, 0.5) < sure(4.0, 0.1, 1.0)
 

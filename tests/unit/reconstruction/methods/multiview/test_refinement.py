@@ -16,7 +16,7 @@ from reconstruction.methods.multiview.refinement import estimate_scale_error, re
 from reconstruction.scene.calibration.consistency import (
     check_rig,
     consistent_matches,
-    describe_misfit,
+    describe_residual,
     triangulate,
 )
 from reconstruction.scene.pairs import Features
@@ -134,19 +134,19 @@ def test_a_camera_with_few_points_is_not_refined() -> None:
     ],
 )
 def test_depth_says_what_it_rests_on(px: float | None, text: str) -> None:
-    assert text in describe_misfit(px, 1200)
+    assert text in describe_residual(px, 1200)
 
 
 def test_a_measured_expectation_stands_in_place_of_the_simulated_rigs() -> None:
-    assert describe_misfit(0.21, 1200, expected=0.915) == (
+    assert describe_residual(0.21, 1200, expected=0.915) == (
         "points at rest fit within 0.21 px (1,200 matches); "
         "92 % of the pixels are expected within 2 % of the true depth"
     )
-    assert "in the mean of rigs with such a misfit" in describe_misfit(0.71, 1200, expected=0.4)
+    assert "in the mean of rigs with such a misfit" in describe_residual(0.71, 1200, expected=0.4)
 
 
 def test_a_single_camera_that_does_not_fit_is_enough_for_a_warning() -> None:
-    text = describe_misfit(0.21, 1200, errors_px={"cam01": 0.34, "cam02": 0.2})
+    text = describe_residual(0.21, 1200, errors_px={"cam01": 0.34, "cam02": 0.2})
     start = (
         "warning: this depth is inaccurate: points at rest fit within 0.21 px, those of cam01 within 0.34 px"
     )
@@ -155,7 +155,7 @@ def test_a_single_camera_that_does_not_fit_is_enough_for_a_warning() -> None:
 
 
 def test_two_cameras_say_a_range_instead_of_a_mean() -> None:
-    assert describe_misfit(0.05, 1200, expected=(0.021, 0.803)).endswith(
+    assert describe_residual(0.05, 1200, expected=(0.021, 0.803)).endswith(
         "2 to 80 % of the pixels are expected within 2 % of the true depth, "
         "depending on how far one camera is turned sideways (up to 1 px), which two do not show"
     )

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from reconstruction.common.geometry import Array
-from reconstruction.scene.calibration.consistency import TURN_PX, describe_turn, turn_error
+from reconstruction.scene.calibration.consistency import ROTATION_PX, describe_sideways_error, turn_error
 from tests.unit.reconstruction.depth.small_views import FOCAL, view_at
 
 
@@ -13,7 +13,7 @@ def test_it_is_the_error_of_triangulated_depth(z: float) -> None:
     first, second, depth = view_at(0.0), view_at(0.3, 0.0, z), 3.0
     said = turn_error(first, second, np.array([[0.0, depth]]))
     # The turned camera's ray to the same pixel meets the first one's elsewhere: in the plane, two lines.
-    angle = TURN_PX / FOCAL
+    angle = ROTATION_PX / FOCAL
     seen = np.arctan2(-second.centre[0], depth - second.centre[2])
     met = second.centre[2] - second.centre[0] / np.tan(seen + angle)
     assert said == pytest.approx(abs(met / depth - 1), rel=0.1)
@@ -26,6 +26,6 @@ def test_nothing_is_said_without_depth_and_no_line_between_the_cameras() -> None
 
 
 def test_it_is_said_in_percent_of_depth() -> None:
-    assert describe_turn(0.0244) == (
+    assert describe_sideways_error(0.0244) == (
         "two cameras do not show a turn sideways: 0.5 px of it is 2.4 % of depth here"
     )

@@ -1,11 +1,11 @@
-"""Reading of a screen panel's turn code from an image."""
+"""Reading of a screen panel's cycle code from an image."""
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from capture_app.companions.panel.cycle_code import Cycle, cell_places, decode_cycle
 from capture_app.companions.panel.finder import Floats, FoundPanel
-from capture_app.companions.panel.turn_code import Turn, cell_places, decode_turn
 
 _WHITE_AT = 3.6
 """Distance of the white ground that a row's cells are compared with."""
@@ -13,8 +13,8 @@ _CLEAR = 0.15
 """Minimum distance of a cell from the middle between black and white, relative to their difference."""
 
 
-def read_turn(panel: FoundPanel, grey: NDArray[np.uint8]) -> Turn | None:
-    """Return the turn that a screen's panel shows in an image, or None if it shows none that is readable."""
+def read_cycle(panel: FoundPanel, grey: NDArray[np.uint8]) -> Cycle | None:
+    """Return the cycle that a screen's panel shows in an image, or None if it shows none that is readable."""
     if not panel.panel.is_screen:
         return None
     places = np.array(cell_places(panel.panel)) + 0.5
@@ -28,7 +28,7 @@ def read_turn(panel: FoundPanel, grey: NDArray[np.uint8]) -> Turn | None:
     whiteness = (levels - black) / np.maximum(white - black, 1.0)
     if (np.abs(whiteness - 0.5) < _CLEAR).any():
         return None
-    return decode_turn(tuple(int(level < 0.5) for level in whiteness))
+    return decode_cycle(tuple(int(level < 0.5) for level in whiteness))
 
 
 def _levels(panel: FoundPanel, grey: NDArray[np.uint8], places: Floats) -> Floats:

@@ -1,4 +1,4 @@
-"""The turn code of a screen's panel: it is read as it was drawn, and a damaged one is not read."""
+"""The cycle code of a screen's panel: it is read as it was drawn, and a damaged one is not read."""
 
 import itertools
 import json
@@ -8,36 +8,36 @@ import subprocess
 
 import pytest
 
+from capture_app.companions.panel.cycle_code import (
+    BITS,
+    CYCLES,
+    PAGES,
+    Cycle,
+    cell_places,
+    decode_cycle,
+    encode_cycle,
+)
 from capture_app.companions.panel.pattern import MARKER_SIZE, PANELS, Panel
 from capture_app.companions.panel.screen import HERE, page_html
-from capture_app.companions.panel.turn_code import (
-    BITS,
-    PAGES,
-    TURNS,
-    Turn,
-    cell_places,
-    decode_turn,
-    encode_turn,
-)
 
 SCREEN = PANELS["screen-60hz-down"]
 
 
 def test_every_turn_is_read_as_it_was_drawn_and_no_wrong_cell_goes_unnoticed() -> None:
-    for number, page in ((0, 0), (1, 63), (1234, 17), (TURNS - 1, PAGES - 1)):
-        cells = encode_turn(Turn(number, page))
-        assert decode_turn(cells) == Turn(number, page)
+    for number, page in ((0, 0), (1, 63), (1234, 17), (CYCLES - 1, PAGES - 1)):
+        cells = encode_cycle(Cycle(number, page))
+        assert decode_cycle(cells) == Cycle(number, page)
         for wrong in itertools.chain(
             itertools.combinations(range(BITS), 1), itertools.combinations(range(BITS), 2)
         ):
             damaged = [cell ^ (k in wrong) for k, cell in enumerate(cells)]
-            assert decode_turn(tuple(damaged)) is None
-    assert encode_turn(Turn(TURNS, 5)) == encode_turn(Turn(0, 5))
+            assert decode_cycle(tuple(damaged)) is None
+    assert encode_cycle(Cycle(CYCLES, 5)) == encode_cycle(Cycle(0, 5))
 
 
 def test_a_page_without_a_code_has_no_turn() -> None:
-    assert decode_turn((0,) * BITS) is None
-    assert decode_turn((1,) * BITS) is None
+    assert decode_cycle((0,) * BITS) is None
+    assert decode_cycle((1,) * BITS) is None
 
 
 @pytest.mark.parametrize("panel", [of for of in PANELS.values() if of.is_screen], ids=lambda of: of.name)
@@ -52,9 +52,9 @@ def test_cells_are_between_the_markers_and_beside_the_lamps(panel: Panel) -> Non
 
 
 DRAW = """
-const [layout, turns] = JSON.parse(process.argv[1]);
+const [layout, cycles] = JSON.parse(process.argv[1]);
 const canvas = { getContext: () => ({}) };
-const drawn = turns.map(([number, page]) => {
+const drawn = cycles.map(([number, page]) => {
   const drawing = new Drawing(canvas, layout, [], 0.9);
   const cells = [];
   drawing.page = page;
@@ -70,13 +70,13 @@ console.log(JSON.stringify(drawn));
 def test_the_page_draws_the_same_cells() -> None:
     found = re.search(r'id="panels"[^>]*>(.*?)</script>', page_html().decode(), re.DOTALL)
     layout = json.loads(found[1])["layout"]
-    turns = [Turn(0, 0), Turn(1, 63), Turn(2748, 42), Turn(TURNS + 3, 9)]
+    cycles = [Cycle(0, 0), Cycle(1, 63), Cycle(2748, 42), Cycle(CYCLES + 3, 9)]
     script = (HERE / "drawing.js").read_text("utf-8") + DRAW
     done = subprocess.run(
-        ["node", "-e", script, json.dumps([layout, turns])], capture_output=True, text=True, check=True
+        ["node", "-e", script, json.dumps([layout, cycles])], capture_output=True, text=True, check=True
     )
     expected = [
-        [[*place, cell] for place, cell in zip(cell_places(SCREEN), encode_turn(turn), strict=True)]
-        for turn in turns
+        [[*place, cell] for place, cell in zip(cell_places(SCREEN), encode_cycle(cycle), strict=True)]
+        for cycle in cycles
     ]
     assert json.loads(done.stdout) == expected

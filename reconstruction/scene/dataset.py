@@ -392,7 +392,7 @@ class Dataset:
             target_ns = times[instant] + round(offset_ms * 1e6)
             nearest = min(range(len(times)), key=lambda k: abs(times[k] - target_ns))
             if not is_same_instant(times[nearest] - target_ns, self.period_ns):
-                reach = (
+                span = (
                     f"its instants reach from {(times[0] - times[instant]) / 1e6:.0f} "
                     f"to {(times[-1] - times[instant]) / 1e6:.0f} ms from there"
                 )
@@ -406,7 +406,7 @@ class Dataset:
                 ]
                 raise BadInputError(
                     f"no instant is {offset_ms:g} ms from instant {instant} of this burst",
-                    hint=f"{reach}; instant {having[0]} has one" if having else reach,
+                    hint=f"{span}; instant {having[0]} has one" if having else span,
                 )
             chosen[camera] = nearest
         return chosen

@@ -70,21 +70,21 @@ def make_track(readings: Sequence[TrackReading], *, alike: float = 1.0) -> Panel
     shown_s = np.full(len(in_order), np.nan)
     for number in range(int(visit[-1]) + 1):
         members = np.flatnonzero(visit == number)
-        turn_s = [
+        since_load_s = [
             in_order[k].read.cycle.number * panel.cycle_ns / 1e9  # type: ignore[union-attr]
             if in_order[k].read.cycle is not None and in_order[k].read.cycle.page == page  # type: ignore[union-attr]
             else None
             for k in members
         ]
         shown_s[members] = _unwrap(
-            own_s[members], np.array([reads[k][0] for k in members]) / 1e9, turn_s, panel.cycle_ns / 1e9
+            own_s[members], np.array([reads[k][0] for k in members]) / 1e9, since_load_s, panel.cycle_ns / 1e9
         )
     known = np.isfinite(shown_s)
     sd_s = np.array([error_ns for _, error_ns in reads]) / SIGMAS_95 / 1e9
     return PanelTrack(panel, page, own_s[known], shown_s[known], sd_s[known], visit[known], alike)
 
 
-def _unwrap(own_s: Floats, within_s: Floats, turn_s: Sequence[float | None], cycle_s: float) -> Floats:
+def _unwrap(own_s: Floats, within_s: Floats, since_load_s: Sequence[float | None], cycle_s: float) -> Floats:
     """Return a visit's times since the page was loaded; NaN if none of its cycle codes was readable.
 
     `within_s` are modulo the cycle. Own times show the number of cycles between two readings of a visit, and
@@ -95,7 +95,7 @@ def _unwrap(own_s: Floats, within_s: Floats, turn_s: Sequence[float | None], cyc
     continuous_s = within_s[0] + since_s + np.array(steps_s)
     votes = Counter(
         round((start_s + within - continuous) / cycle_s)
-        for start_s, within, continuous in zip(turn_s, within_s, continuous_s, strict=True)
+        for start_s, within, continuous in zip(since_load_s, within_s, continuous_s, strict=True)
         if start_s is not None
     )
     if not votes:

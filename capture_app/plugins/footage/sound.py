@@ -143,14 +143,14 @@ def find_jump(camera_s: Array, late_s: Array) -> Jump | None:
     if not places:
         return None
 
-    def misfit(place: int) -> float:
+    def residual(place: int) -> float:
         return sum(float(np.abs(side - np.median(side)).sum()) for side in np.split(late_s, [place]))
 
-    best = min(places, key=misfit)
+    best = min(places, key=residual)
     by_s = float(np.median(late_s[best:]) - np.median(late_s[:best]))
     steady = np.polynomial.Polynomial.fit(camera_s, late_s, 1)
     drifting = float(np.abs(late_s - steady(camera_s)).sum())
-    if abs(by_s) < MIN_JUMP_S or drifting < CLEARER * misfit(best):
+    if abs(by_s) < MIN_JUMP_S or drifting < CLEARER * residual(best):
         return None
     return Jump(by_s, float(camera_s[best - 1]), float(camera_s[best]))
 

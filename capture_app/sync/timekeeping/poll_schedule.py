@@ -177,10 +177,10 @@ class SteadySchedule:
         stage = 1 + (progress.samples - max(FIRST_SAMPLES, self._samples_when_synced)) // EASING_SAMPLES
         # Slower than the initial rate if it is not good enough: several such nodes would disturb each other.
         last = len(self._paces_ns) - (1 if progress.good_enough else 2)
-        pace_ns = min(self._poll_interval_ns, self._paces_ns[max(0, min(stage, last))])
+        interval_ns = min(self._poll_interval_ns, self._paces_ns[max(0, min(stage, last))])
         if self._is_near and self._is_settled and stage > 1:
-            pace_ns = max(pace_ns, NEAR_INTERVAL_NS)
-        return max(pace_ns, self.leader_interval_ns)
+            interval_ns = max(interval_ns, NEAR_INTERVAL_NS)
+        return max(interval_ns, self.leader_interval_ns)
 
 
 class TreeSchedule(SteadySchedule):

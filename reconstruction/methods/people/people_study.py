@@ -47,14 +47,14 @@ class PeopleStudy(Score):
         if side == CONDITIONS[0]:
             self._synced[result.instant] = result
         synced = self._synced[result.instant]
-        joints, usual = result.joints, synced.joints
+        joints, synced_joints = result.joints, synced.joints
         known = np.isfinite(joints.error)
         measured = Measurements(
             shares={"agreeing": (int(joints.cameras[known].sum()), int(known.sum()) * len(self.cameras))},
             medians={"reprojection_px": joints.residual_px[known]},
         )
-        if known.shape == usual.error.shape:
-            apart = np.linalg.norm(joints.positions - usual.positions, axis=2)
+        if known.shape == synced_joints.error.shape:
+            apart = np.linalg.norm(joints.positions - synced_joints.positions, axis=2)
             measured.medians["moved"] = apart[np.isfinite(apart)]
             changed = np.abs(_bones(result) / _bones(synced) - 1)
             measured.medians["bones"] = changed[np.isfinite(changed)]

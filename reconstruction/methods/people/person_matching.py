@@ -431,7 +431,7 @@ def merged(seen: Detections, owned: Sequence[int]) -> tuple[Array, Array, Array]
 
 def mirrored(joints: Sequence[str]) -> Array:
     """Return for each joint the number of that on the other side, by its name; its own if there is none."""
-    sides = [
+    left_right = [
         ("left", "right"),
         ("right", "left"),
         ("Left", "Right"),
@@ -439,7 +439,7 @@ def mirrored(joints: Sequence[str]) -> Array:
         ("L", "R"),
         ("R", "L"),
     ]
-    others = [[re.sub(rf"^{a}(?![a-z])|(?<=_){a}$", b, name) for a, b in sides] for name in joints]
+    others = [[re.sub(rf"^{a}(?![a-z])|(?<=_){a}$", b, name) for a, b in left_right] for name in joints]
     return np.array([next((joints.index(other) for other in names if other != name and other in joints), k)
         for k, (name, names) in enumerate(zip(joints, others, strict=True))])  # fmt: skip
 

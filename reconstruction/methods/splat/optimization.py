@@ -66,8 +66,8 @@ def optimize(gaussians: Gaussians, moment: Moment, iterations: int) -> tuple[Gau
     better = replace(
         gaussians, colours=values["colours"], opacities=opacities, sizes=floats(gaussians.sizes * grown)
     )
-    kept = opacities >= MIN_OPACITY
-    return better.chosen(kept), kept
+    visible = opacities >= MIN_OPACITY
+    return better.chosen(visible), visible
 
 
 def _add_background(drawn: Array, passes: Array, free: Array, target: Array) -> Array:

@@ -61,10 +61,6 @@ class Lamp:
     delay: float
     """Delay of its light against the panel's centre, in ticks, because a screen draws from edge to edge."""
 
-    def is_lit(self, tick: int) -> bool:
-        """Return whether it is lit at a tick, in the panel's own time."""
-        return (tick - self.start) % self.period < self.lit
-
 
 @dataclass(frozen=True, slots=True)
 class Panel:

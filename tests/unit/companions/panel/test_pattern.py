@@ -14,7 +14,7 @@ from capture_app.companions.panel.pattern import (
 
 
 def light(panel: Panel, tick: int) -> tuple[bool, ...]:
-    return tuple(lamp.is_lit(tick) for lamp in panel.lamps)
+    return tuple((tick - lamp.start) % lamp.period < lamp.lit for lamp in panel.lamps)
 
 
 def test_the_papers_panel_lights_a_column_a_tick_and_a_lamp_of_its_row_for_ten() -> None:

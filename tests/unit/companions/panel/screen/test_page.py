@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from capture_app.companions.panel.pattern import DICTIONARY, PANEL_OF_MARKER, Panel, corners_of_marker
 from tests.browser import CHROMIUM, Browser
 from tests.unit.companions.panel.screen.browser_page import play, shown, start_browser, write_page
+from tests.unit.companions.panel.test_pattern import light
 
 pytestmark = [pytest.mark.skipif(CHROMIUM is None, reason="there is no Chromium here")]
 
@@ -49,8 +50,7 @@ def look(picture: NDArray[np.uint8]) -> tuple[Panel, tuple[bool, ...]] | None:
 
 @cache
 def _ticks(panel: Panel) -> dict[tuple[bool, ...], int]:
-    lamps = panel.lamps
-    return {tuple(lamp.is_lit(tick) for lamp in lamps): tick for tick in range(panel.cycle_ticks)}
+    return {light(panel, tick): tick for tick in range(panel.cycle_ticks)}
 
 
 def read_tick(browser: Browser) -> tuple[str, int]:

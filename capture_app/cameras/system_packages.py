@@ -66,9 +66,9 @@ def _import(module: str, package: str, purpose: str, folders: Sequence[str | Pat
         ) from error
 
 
-def is_installed(module: str, *, folders: Sequence[str | Path] = FOLDERS) -> bool:
+def is_installed(module: str) -> bool:
     """Return whether the system's Python has the module, for any Python version."""
-    return module in sys.modules or (find_spec(module) or _system_spec(module, folders)) is not None
+    return module in sys.modules or (find_spec(module) or _system_spec(module, FOLDERS)) is not None
 
 
 def _system_spec(module: str, folders: Sequence[str | Path]) -> ModuleSpec | None:

@@ -121,11 +121,10 @@ SHORT_RUNS = {300: 239, 1000: 100}
 """Number of runs by length: 239 as the panel's trials, each of which began with 300 messages."""
 SHORT = 5
 """Number of the message counts up to 1,000 at which filters are judged."""
-SIMULATED = "The clocks, and the link's delays by a distribution made from the paper's figures."
-BEGINS = (
-    "In the paper's protocol the leader asks its clients in turn. By default each client asks. An exchange "
-    "gives the same information."
+SIMULATED = (
+    "The clocks, and the link's delays by a distribution made from these figures and the round trips below."
 )
+BEGINS = "By default each client asks, not the leader in turn; an exchange gives the same information."
 
 
 def paper_part(*, share: float, seed: int) -> Sequence[Reproduction]:
@@ -174,7 +173,6 @@ def paper_part(*, share: float, seed: int) -> Sequence[Reproduction]:
             given=tuple(name for name in TABLE_3.names if name != "messages"),
             notes=(
                 BEGINS,
-                "The delay distribution comes from these figures and the shortest round trips below.",
                 f"Not an input: after {FIRST} messages the minimum filter is {panel['mean_abs']:.0f} us off "
                 f"on average and {panel['max']:.0f} at most in {len(first)} trials. The paper's panel found "
                 f"{TABLE_2['clock.mean']:.0f} and {TABLE_2['clock.max']:.0f} at most.",

@@ -135,28 +135,28 @@ def _parse_setting(text: str) -> tuple[Control, ControlValue]:
     return Control(name), number
 
 
-def _answer(as_json: bool, controls: "CamerasControls", leader: Address) -> None:
+def _answer(as_json: bool, found: "CamerasControls", leader: Address) -> None:
     from capture_app.rig.rig_link import ask_status
 
-    titles = asyncio.run(ask_status(leader)).titles if controls else {}
+    titles = asyncio.run(ask_status(leader)).titles if found else {}
     answer(
         as_json,
-        {"cameras": [{"camera": camera, "state": state} for camera, state in controls.items()]},
-        _lines({titles.get(name, name): state for name, state in controls.items()}),
+        {"cameras": [{"camera": camera, "state": state} for camera, state in found.items()]},
+        _lines({titles.get(name, name): state for name, state in found.items()}),
     )
 
 
-def _lines(controls: "CamerasControls") -> Iterator[str]:
+def _lines(found: "CamerasControls") -> Iterator[str]:
     """Describe controls by what people call the cameras."""
-    if controls:
+    if found:
         rows = (
             (title, *(describe(value.state(control)) for control in Control))
-            for title, value in controls.items()
+            for title, value in found.items()
         )
         yield table(("camera", *NAMES), rows)
     else:
         talk("no camera has joined")
-    for title, state in controls.items():
+    for title, state in found.items():
         for problem in dict.fromkeys(state.problems.values()):
             talk(f"{title}: {problem}")
 

@@ -116,7 +116,7 @@ def node(
 
     if len(name.encode()) > MAX_TEXT:
         raise BadInputError(f"--name has over {MAX_TEXT} bytes", hint="give this node a shorter one")
-    # Names without a letter of ASCII differ by the machines' names, and on one machine by a checksum.
+    # Names without a letter of ASCII differ by the machines' names, and those of one machine by a checksum.
     own = f"{name_like(socket.gethostname(), 'node')}-{crc32(label_key(name).encode()) % 10_000:04}-"
     (folder,) = folder_names([name], "node", own)
     named = name_cameras(folder, specs)

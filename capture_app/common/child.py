@@ -116,7 +116,7 @@ class Child:
                 system.signal_group(self.process.pid, what)
 
     async def stop(self) -> None:
-        """Ask the process and all its children to end, and kill what continues."""
+        """Ask the process and all its children to end, and kill those that do not."""
         with suppress(ProcessLookupError):
             for how in ("end", "kill"):
                 system.signal_group(self.process.pid, how)

@@ -382,17 +382,17 @@ class FrameSelection(Generic[F]):
 
     def keep_ordered(self) -> list[FramesSelected[F]]:
         """Keep only the streamed bursts with an ordered end; return the ends of the other streamed ones."""
-        ends, selected = [], {}
+        ends, kept = [], {}
         for key, burst in self._pending.items():
             if not burst.trigger.streamed:
                 continue
             if not is_open_ended(burst.trigger.count, burst.trigger.step_ns):
-                selected[key] = burst
+                kept[key] = burst
             elif burst.time_map is not None:
                 burst.trigger = structs.replace(burst.trigger, count=burst.reported)
                 burst.picked.clear()
                 ends.append(burst.report((), burst.time_map, None))
-        self._pending = selected
+        self._pending = kept
         return ends
 
     def take_over(self, other: "FrameSelection[F]") -> None:

@@ -75,9 +75,8 @@ TRIALS = 1000
 FIGURES = {"mean_abs": "mean", "max": "max", "std": "std"}
 """Our names of the figures, and the paper's."""
 NOTES = (
-    "The model contains mechanisms with published numbers: input polling, Bluetooth connection intervals, "
-    "WiFi power saving, the frame grid. It does not use the paper's table. Its phones' camera apps add more "
-    "delay.",
+    "These are input polling, Bluetooth connection intervals, WiFi power saving and the frame grid, not the "
+    "paper's table. The phones' camera apps add more delay.",
     "Failed triggers (the paper: 2 of 20 wired, 1 of 20 by Bluetooth) are not modelled.",
 )
 

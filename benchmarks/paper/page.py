@@ -18,14 +18,11 @@ LEAD = (
     "program's own, but its cameras, clocks, links and LED panels are models."
 )
 KEY = (
-    "✓: with the paper's protocol, our value is at most the paper's. ✗: it is larger. =: the paper's number "
-    "is an input of the model, so agreement shows nothing. No sign: neither is better."
+    "✓, ✗: with the paper's protocol, our value is at most the paper's, or larger. =: the paper's number "
+    "is an input of the model: agreement shows nothing."
 )
 HEAD = ("", "paper", "ours, its protocol", "ours, default")
-APPLICATIONS_LEAD = (
-    "Other commands make these from the bundled sessions, which the simulator rendered (simulated). The "
-    "paper shows pictures without numbers."
-)
+APPLICATIONS_LEAD = "Other commands make these from the bundled, simulated sessions. The paper shows pictures without numbers."
 CONDITIONS = {"synced": "synchronized", "offset": "some time apart"}
 NOTHING = "–"
 UNITS = {"us": "µs", "degrees": "°"}

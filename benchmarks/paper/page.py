@@ -22,7 +22,10 @@ KEY = (
     "is an input of the model: agreement shows nothing."
 )
 HEAD = ("", "paper", "ours, its protocol", "ours, default")
-APPLICATIONS_LEAD = "Other commands make these from the bundled, simulated sessions. The paper shows pictures without numbers."
+APPLICATIONS_LEAD = (
+    "Other commands make these from the bundled, simulated sessions. The paper shows pictures without "
+    "numbers."
+)
 CONDITIONS = {"synced": "synchronized", "offset": "some time apart"}
 NOTHING = "–"
 UNITS = {"us": "µs", "degrees": "°"}

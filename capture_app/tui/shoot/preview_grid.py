@@ -17,7 +17,7 @@ from capture_app.common.text import printable
 from capture_app.protocol.status import NodeStatus, Preview, RigStatus
 from capture_app.rig.instant_previews import APART_S, old_from_s
 from capture_app.rig.rig_link import RigLink
-from capture_app.session.format.live_depth import DepthPreview
+from capture_app.session.format.live_pictures import DepthPreview
 from capture_app.tui.rig_record import RigRecord
 from capture_app.tui.shoot.full_view import FullView
 from capture_app.tui.signs import SIGNS, UNKNOWN

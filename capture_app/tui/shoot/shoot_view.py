@@ -17,7 +17,7 @@ from capture_app.common.errors import SimulshotError
 from capture_app.common.text import clock_offset, count, printable
 from capture_app.protocol.orders import CancelBurst, EndBurst, Order
 from capture_app.protocol.status import BurstStatus, Preview, RigStatus
-from capture_app.rig.live_depth import live_depth
+from capture_app.rig.live_pictures import live_depth
 from capture_app.rig.rig_link import LinkLost, RigLink
 from capture_app.rig.taking import (
     Begun,
@@ -30,7 +30,7 @@ from capture_app.rig.taking import (
     Taking,
     Waiting,
 )
-from capture_app.session.format.live_depth import DepthPreview
+from capture_app.session.format.live_pictures import DepthPreview
 from capture_app.session.library.changes import trash_session
 from capture_app.session.reading.take_sheet import TakeSheet
 from capture_app.tui.jobs.result_screen import open_report

@@ -12,7 +12,7 @@ from capture_app.common.text import duration, printable
 from capture_app.protocol.status import Preview
 from capture_app.rig.instant_previews import Gathering, old_from_s
 from capture_app.rig.rig_link import RigLink
-from capture_app.session.format.live_depth import DepthPreview
+from capture_app.session.format.live_pictures import DepthPreview
 from capture_app.session.reading.take_sheet import TakeSheet
 from capture_app.tui.rig_record import RigRecord
 from capture_app.tui.shoot.preview_grid import PreviewGrid, age_words

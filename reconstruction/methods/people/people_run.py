@@ -19,7 +19,7 @@ from reconstruction.methods.people.joint_tracks import (
     size_of,
     stack,
 )
-from reconstruction.methods.people.keypoints import CameraJoints, Keypoints
+from reconstruction.methods.people.keypoints import CameraJoints, FrameJoints, Keypoints
 from reconstruction.methods.people.person_matching import Detections, Individual, PersonMatcher, merged
 from reconstruction.methods.people.skeletons import Skeleton
 from reconstruction.scene.dataset import Dataset
@@ -119,9 +119,7 @@ class PeopleFinder:
         self.skeleton, self.period_s, self.scale_error = skeleton, period_s, scale_error
         self.bias = np.zeros(len(skeleton.joints)) if bias is None else bias
         views = [one.view for one in self.frames]
-        self.projections = np.array(
-            [view.matrix @ np.column_stack([view.rotation, view.translation]) for view in views]
-        ).reshape(-1, 3, 4)
+        self.projections = np.array([*map(projection_of, views)]).reshape(-1, 3, 4)
         self.middle = np.mean([view.centre for view in views], axis=0)
         # A detector errs by a fraction of a person's size: by more pixels in a camera of more pixels.
         focal = np.array([view.focal for view in views])[:, None, None]
@@ -220,9 +218,7 @@ class PeopleFinder:
     def _ratios(self, seen: PixelsAt, noise: Array) -> Array:
         """Return sums of squared residuals (times, joints), relative to their median if `noise` is right."""
         found = self._locate(seen, noise)
-        freedom = np.maximum(2 * found.cameras - 3, 1)
-        # The median of a chi-squared distribution, by Wilson and Hilferty.
-        ratios = found.misfit / (freedom * (1 - 2 / (9 * freedom)) ** 3)
+        ratios = found.misfit / expected_misfit(found.cameras)
         return np.where(found.cameras > 0, ratios, np.nan).reshape(seen.confidence.shape[1:])
 
     def _person(self, seen: PixelsAt, noise: Array) -> Person:
@@ -240,18 +236,37 @@ class PeopleFinder:
         return Person(found.points.reshape(*shape, 3), *(part.reshape(shape) for part in parts))
 
 
+def projection_of(view: View) -> Array:
+    """Return a view's projection (3, 4) to pixels without distortion."""
+    return np.asarray(view.matrix @ np.column_stack([view.rotation, view.translation]))
+
+
+def expected_misfit(cameras: Array) -> Array:
+    """Return the median sum of squared residuals (n,) of a position from so many cameras, if all is right.
+
+    The median of a chi-squared distribution of 2 c - 3 degrees of freedom, by Wilson and Hilferty.
+    """
+    freedom = np.maximum(2 * cameras - 3, 1)
+    return np.asarray(freedom * (1 - 2 / (9 * freedom)) ** 3)
+
+
+def detections_in(view: View, frame: FrameJoints, frame_s: float, row_s: float) -> Detections:
+    """Return what is seen in a frame of this time, without what lies outside the image or is unsure."""
+    inside = (np.abs((frame.pixels + 0.5) / (view.width, view.height) - 0.5) < 0.5).all(axis=2)
+    inside &= frame.confidence >= MIN_CONFIDENCE
+    straight = np.full(frame.pixels.shape, np.nan)
+    straight[inside] = view.undistort(frame.pixels[inside])
+    times = np.where(inside, frame_s + row_s * frame.pixels[..., 1], np.nan)
+    return Detections(times, straight, np.where(inside, frame.confidence, 0.0), frame.names)
+
+
 def _detections(camera: CameraFrames) -> dict[int, Detections]:
-    """Return what is seen in a camera's frames, without what lies outside its images or is unsure."""
-    view, found = camera.view, dict[int, Detections]()
-    for k, frame in camera.joints.items():
-        if k < len(camera.frame_s) and np.isfinite(camera.frame_s[k]):
-            inside = (np.abs((frame.pixels + 0.5) / (view.width, view.height) - 0.5) < 0.5).all(axis=2)
-            inside &= frame.confidence >= MIN_CONFIDENCE
-            straight = np.full(frame.pixels.shape, np.nan)
-            straight[inside] = view.undistort(frame.pixels[inside])
-            times = np.where(inside, camera.frame_s[k] + camera.row_s * frame.pixels[..., 1], np.nan)
-            found[k] = Detections(times, straight, np.where(inside, frame.confidence, 0.0), frame.names)
-    return found
+    """Return what is seen in a camera's frames that have a time."""
+    return {
+        k: detections_in(camera.view, frame, float(camera.frame_s[k]), camera.row_s)
+        for k, frame in camera.joints.items()
+        if k < len(camera.frame_s) and np.isfinite(camera.frame_s[k])
+    }
 
 
 def _cut_names(

@@ -14,7 +14,7 @@ from textual.screen import Screen
 
 from capture_app.common.node_state import NodeState
 from capture_app.protocol.status import BurstStatus, Preview
-from capture_app.session.format.live_depth import DepthPreview
+from capture_app.session.format.live_pictures import DepthPreview
 from capture_app.tui.shoot.full_view import FullView
 from capture_app.tui.shoot.preview_grid import PreviewTile
 from capture_app.tui.widgets.cells import CellPicture

@@ -1,7 +1,7 @@
 """`capture-app people`: people in 3D while they move, as lines, JSON, OSC and LSL."""
 
 from collections import deque
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from statistics import median
 
 import click
@@ -24,6 +24,7 @@ LINE_EVERY_S = 1.0
         "capture-app people", "capture-app people --osc 127.0.0.1:9000", "capture-app people --lsl --json"
     ),
 )
+@click.argument("session", nargs=-1, metavar="")
 @click.option("--osc", type=ADDRESS, metavar="HOST:PORT", help="Send each joint to this address, by OSC.")
 @click.option("--lsl", is_flag=True, help="Stream each person to the Lab Streaming Layer.")
 @click.option(
@@ -35,15 +36,27 @@ LINE_EVERY_S = 1.0
 )
 @leader_option
 @json_option
-def people(osc: Address | None, lsl: bool, for_s: float | None, leader: Address, as_json: bool) -> None:
+def people(
+    session: tuple[str, ...],
+    osc: Address | None,
+    lsl: bool,
+    for_s: float | None,
+    leader: Address,
+    as_json: bool,
+) -> None:
     """Locate the joints of people by a calibrated rig's previews, with their 95 % errors. Saves nothing.
 
     Prints how many people there are, how many instants a second, and how late; with --json everything, a line
     for each instant. For files, take a burst or a recording, and run `reconstruct people`.
     """
+    if session:
+        raise click.UsageError("it looks at a running rig; people of a session: reconstruct people SESSION")
     streams: list[PeopleStream] = [OscStream(osc)] if osc else []
     streams += [LslStream()] if lsl else []
-    run_until_stopped(_run(leader, streams, for_s, as_json))
+    with ExitStack() as open_streams:
+        for stream in streams:
+            open_streams.callback(stream.close)
+        run_until_stopped(_run(leader, streams, for_s, as_json))
 
 
 async def _run(leader: Address, streams: list[PeopleStream], for_s: float | None, as_json: bool) -> None:

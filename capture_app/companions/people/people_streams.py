@@ -1,5 +1,6 @@
 """Streams of people in 3D to other programs: OSC datagrams, and the Lab Streaming Layer (LSL)."""
 
+import socket
 import time
 from typing import Any, Protocol
 
@@ -19,6 +20,9 @@ class PeopleStream(Protocol):
     def send(self, found: PeoplePreview) -> None:
         """Send the people of an instant. Raises NetworkError if that fails."""
 
+    def close(self) -> None:
+        """End the stream."""
+
 
 class OscStream:
     """OSC to one address: a bundle an instant with a message for each joint, `/simulshot/1/left_wrist`.
@@ -29,18 +33,13 @@ class OscStream:
     """
 
     def __init__(self, to: Address) -> None:
-        """Raises NotAvailableError if python-osc is missing, and NetworkError for an unknown host."""
+        """Raises NotAvailableError if python-osc is missing."""
         self._builders = (
             load_optional("pythonosc.osc_bundle_builder", "osc", "OSC").OscBundleBuilder,
             load_optional("pythonosc.osc_message_builder", "osc", "OSC").OscMessageBuilder,
         )
         self.to = to
-        try:
-            self._client = load_optional("pythonosc.udp_client", "osc", "OSC").UDPClient(to.host, to.port)
-        except OSError as error:
-            raise NetworkError(
-                f"there is no host {to.host}: {error.strerror}", hint="correct --osc"
-            ) from error
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
 
     def send(self, found: PeoplePreview) -> None:
         """Send the people of an instant."""
@@ -56,11 +55,15 @@ class OscStream:
                 message.add_arg(value)
             bundle.add_content(message.build())
         try:
-            self._client.send(bundle.build())
+            self._socket.sendto(bundle.build().dgram, (self.to.host, self.to.port))
         except OSError as error:
             raise NetworkError(
                 f"cannot send OSC to {self.to}: {error.strerror}", hint="correct --osc"
             ) from error
+
+    def close(self) -> None:
+        """Send nothing more."""
+        self._socket.close()
 
 
 class LslStream:
@@ -83,6 +86,10 @@ class LslStream:
                 self._outlets[person.number] = self._open(person.number, found)
             sample = [value for joint in found.joints for value in person.joints.get(joint, unknown)]
             self._outlets[person.number].push_sample(sample, at_s)
+
+    def close(self) -> None:
+        """End all streams."""
+        self._outlets.clear()
 
     def _open(self, number: int, found: PeoplePreview) -> Any:
         name = f"simulshot person {number}"

@@ -1,6 +1,6 @@
 """Live people: joints beside those of `reconstruct people`, and rate, delay and cost beside a running rig.
 
-    python -m benchmarks.reconstruction.live_people SESSION --seconds 20
+    python -m benchmarks.people.live_people SESSION --seconds 20
 
 SESSION has people and a calibration, such as Pose2Sim's Demo_SinglePerson after an import. First its images
 are handed over as a rig's previews are, so many times a second of the recording, as fast as this machine can.

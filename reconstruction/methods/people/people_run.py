@@ -151,15 +151,8 @@ class PeopleFinder:
         `late_s` are delays (n,) by camera: each then shows what it saw that much later. `nearest` takes the
         nearest frames as they are.
         """
-        late = [(late_s or {}).get(name, 0.0) for name in self.names]
-        seen = [
-            stack([
-                interpolate(track, times_s + late_by, self.period_s, nearest=nearest)
-                for track, late_by in zip(tracks, late, strict=True)
-            ])
-            for tracks in self.people
-        ]  # fmt: skip
-        noise = self._noise(seen)
+        seen = self.pixels_at(times_s, late_s or {}, nearest=nearest)
+        noise = self.noise(seen)
         people = [self._person(one, noise) for one in seen]
         moved = np.concatenate([one.moved[np.isfinite(one.pixels[..., 0])] for one in seen])
         away = [np.nanmin(np.abs(one.frame_s[:, None] - times_s), axis=0) for one in self.frames]
@@ -171,6 +164,24 @@ class PeopleFinder:
             moved_ms=float(np.median(away)) * 1e3,
             moved_px=float(np.percentile(moved, 95)) if len(moved) else 0.0,
         )
+
+    def pixels_at(
+        self, times_s: Array, late_s: Mapping[str, Array], *, nearest: bool = False
+    ) -> list[PixelsAt]:
+        """Return each person's pixels in all cameras at times (n,); arguments as in `at`."""
+        return [
+            stack([
+                interpolate(track, times_s + late_s.get(name, 0.0), self.period_s, nearest=nearest)
+                for track, name in zip(tracks, self.names, strict=True)
+            ])
+            for tracks in self.people
+        ]  # fmt: skip
+
+    def project(self, camera: int, points: Array) -> Array:
+        """Return the pixels (..., 2), without distortion, of points (..., 3) in a camera."""
+        projection = self.projections[camera]
+        homogeneous = points @ projection[:, :3].T + projection[:, 3]
+        return np.asarray(homogeneous[..., :2] / homogeneous[..., 2:])
 
     def _tracks(self, individual: Individual, found: Sequence[Mapping[int, Detections]]) -> list[Track]:
         """Return one track a camera of an individual."""
@@ -184,7 +195,7 @@ class PeopleFinder:
             tracks.append(track)
         return tracks
 
-    def _locate(self, seen: PixelsAt, noise: Array, start: Array | None = None) -> Positions:
+    def locate(self, seen: PixelsAt, noise: Array, start: Array | None = None) -> Positions:
         """Locate all joints at all times by a noise (joints,), px, of a camera of median focal length."""
         confident = seen.confidence > 0
         detected = seen.noise * (noise * self.magnification / np.where(confident, seen.confidence, 1.0)) ** 2
@@ -195,7 +206,7 @@ class PeopleFinder:
             self.projections, seen.pixels.reshape(cameras, -1, 2), variances.reshape(cameras, -1), start
         )
 
-    def _noise(self, seen: Sequence[PixelsAt]) -> Array:
+    def noise(self, seen: Sequence[PixelsAt]) -> Array:
         """Return the standard deviation (joints,) of a pixel of full confidence, as residuals show it, px.
 
         It is that of a camera of the median focal length; in the others it is in proportion to theirs.
@@ -217,17 +228,17 @@ class PeopleFinder:
 
     def _ratios(self, seen: PixelsAt, noise: Array) -> Array:
         """Return sums of squared residuals (times, joints), relative to their median if `noise` is right."""
-        found = self._locate(seen, noise)
+        found = self.locate(seen, noise)
         ratios = found.misfit / expected_misfit(found.cameras)
         return np.where(found.cameras > 0, ratios, np.nan).reshape(seen.confidence.shape[1:])
 
     def _person(self, seen: PixelsAt, noise: Array) -> Person:
         shape = seen.confidence.shape[1:]
         # Where cameras disagree, those are believed that agree with the times around.
-        first = self._locate(seen, noise).points
+        first = self.locate(seen, noise).points
         near = _running_median(first.reshape(*shape, 3)).reshape(-1, 3)
-        lost = np.isnan(self._locate(seen, noise, near).points)
-        found = self._locate(seen, noise, np.where(lost, first, near))
+        lost = np.isnan(self.locate(seen, noise, near).points)
+        found = self.locate(seen, noise, np.where(lost, first, near))
         away = found.points - self.middle
         covariance = found.covariance + self.scale_error**2 * away[:, :, None] * away[:, None]
         size = float(np.nanmedian(size_of(found.points.reshape(*shape, 3)))) if found.cameras.any() else 0.0

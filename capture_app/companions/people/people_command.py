@@ -9,6 +9,7 @@ import click
 from capture_app.commands.shared_options import ADDRESS, leader_option, run_until_stopped
 from capture_app.common import system
 from capture_app.common.address import Address
+from capture_app.common.errors import IncompleteError
 from capture_app.common.text import count, duration
 from capture_app.companions.people.people_streams import LslStream, OscStream, PeopleStream
 from capture_app.console.terminal import FiniteRange, json_option, print_json_line, print_line
@@ -68,6 +69,11 @@ async def _run(leader: Address, streams: list[PeopleStream], for_s: float | None
 
     rig = await ask_status(leader)
     titles = rig.titles
+    if len(rig.cameras) < 2:
+        raise IncompleteError(
+            f"{leader} has {count(len(rig.cameras), 'camera')}: a joint in 3D needs two",
+            hint="start nodes first: capture-app node",
+        )
     said: deque[float] = deque(maxlen=30)
     due_s, before = -1e9, ""
     with suppress(TimeoutError):

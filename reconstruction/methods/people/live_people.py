@@ -23,7 +23,13 @@ from reconstruction.methods.people.people_run import (
     expected_misfit,
     projection_of,
 )
-from reconstruction.methods.people.person_matching import Detections, Individual, PersonMatcher, merged
+from reconstruction.methods.people.person_matching import (
+    MAX_LOST_S,
+    Detections,
+    Individual,
+    PersonMatcher,
+    merged,
+)
 
 REMEMBERED = 150
 """Number of latest positions of a joint whose residuals say how far its pixels are off."""
@@ -79,12 +85,16 @@ class LivePeople:
         self._seen: list[dict[int, Detections]] = [{} for _ in views]
         self._matcher = PersonMatcher(self._projections, focal, self._seen, self.skeleton.joints)
         self._numbers = dict[Individual, int]()
+        self._last_s, self._steps = -np.inf, 0
+        """Time of the last instant, and number of instants since a long pause."""
         self._squared = deque[Array](maxlen=REMEMBERED)
         """Squares (joints,) of a pixel's error, px, of a camera of median focal length, NaN = unknown."""
 
     def find(self, images: Mapping[str, Array], at_s: float) -> list[PersonNow]:
         """Return the people of one instant, a time in s, by the images (BGR uint8) that show it."""
         step = self._matcher.step + 1
+        self._steps = self._steps + 1 if at_s - self._last_s <= MAX_LOST_S else 1
+        self._last_s = at_s
         shown = [(number, name) for number, name in enumerate(self.views) if name in images]
         joints = self._pool.map(lambda one: self._detect(one[1], images[one[1]], at_s), shown)
         for (number, name), found in zip(shown, joints, strict=True):
@@ -94,7 +104,11 @@ class LivePeople:
         self._matcher.follow(frames, dict.fromkeys(frames, at_s))
         self._matcher.ended.clear()
         self._numbers = {one: n for one, n in self._numbers.items() if one in self._matcher.active}
-        people = [one for one in self._matcher.active if one.confirmed[-1:] == [step] and one.is_somebody()]
+        people = [
+            one
+            for one in self._matcher.active
+            if one.confirmed[-1:] == [step] and one.is_somebody(self._steps)
+        ]
         return [self._locate(one, step) for one in people]
 
     def _detect(self, name: str, image: Array, at_s: float) -> tuple[Array, Array]:

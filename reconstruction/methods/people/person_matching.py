@@ -79,7 +79,7 @@ class Individual:
     confirmed: list[int] = field(default_factory=list)
     """Steps at which at least two cameras show it."""
 
-    def is_somebody(self, steps: int = 2 * MIN_STEPS) -> bool:
+    def is_somebody(self, steps: int) -> bool:
         """Whether it is more than an agreement by chance, in so many steps without a long pause."""
         number = len(self.confirmed)
         span = self.confirmed[-1] - self.confirmed[0] + 1 if number else 0

@@ -58,7 +58,7 @@ def test_kinds_of_images_are_not_takes(tmp_path: Path) -> None:
     for kind in ("depth", "rgb"):
         for camera in ("cam0", "cam1"):
             images(tmp_path / "rec" / camera / kind)
-    with pytest.raises(BadInputError, match="4 folders of images, of several takes or kinds: cam0.depth"):
+    with pytest.raises(BadInputError, match=r"4 folders of images, of several takes or kinds: cam0.depth"):
         takes_in(tmp_path / "rec")
 
 

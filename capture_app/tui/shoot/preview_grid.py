@@ -58,7 +58,7 @@ class PreviewTile(Vertical):
         self.picture = Picture(words="no picture yet", noise=NOISE)
         self._node, self._sign = node, SIGNS[node.state]
         self.moment_s: float | None = None
-        """When what it shows was, by the record's clock; None without a picture."""
+        """When what it shows was, by the record's clock; None without a preview."""
         self._age = ""
         super().__init__(self._title, self.picture)
 
@@ -228,8 +228,9 @@ class PreviewGrid(Container, can_focus=True):
     def show_found(self, found: LivePicture | None) -> None:
         """Show what was found instead of its camera's preview; None: all previews again."""
         self._found_in = "" if found is None or not found.jpeg else found.camera
-        if found is not None and self._found_in in self._tiles:
-            self._tiles[self._found_in].picture.show(found.jpeg)
+        if found is not None and (tile := self._tiles.get(self._found_in)) is not None:
+            tile.picture.show(found.jpeg)
+            tile.moment_s = None  # the title says how late it is
 
     def action_move(self, x: int, y: int) -> None:
         """Move the cursor."""

@@ -16,6 +16,9 @@ from reconstruction.common.geometry import Array, View
 from reconstruction.methods.people.live_people import LivePeople
 from reconstruction.methods.people.people_pictures import draw_joints
 
+BONES = 1 / 80
+"""Thickness of bones relative to a picture's height: a terminal has some 50 rows for it."""
+
 
 def begin(
     views: Mapping[str, View], unit: str
@@ -42,7 +45,7 @@ def begin(
             picture = images[given.camera]
             if (view := engine.views.get(given.camera)) is not None:
                 now = [(one.number - 1, one.positions, one.error) for one in found]
-                picture = draw_joints(picture, view, engine.skeleton, now)
+                picture = draw_joints(picture, view, engine.skeleton, now, BONES)
             jpeg = encode_image(picture)
         return PeoplePreview(
             given.instant_ns, given.camera, jpeg, people=(*people,), joints=(*joints,), unit=unit

@@ -31,11 +31,18 @@ def draw_people(image: Array, view: View, found: PeopleInTime, time: int) -> Arr
 
 
 def draw_joints(
-    image: Array, view: View, skeleton: Skeleton, people: Sequence[tuple[int, Array, Array]]
+    image: Array,
+    view: View,
+    skeleton: Skeleton,
+    people: Sequence[tuple[int, Array, Array]],
+    bones: float = 1 / 300,
 ) -> Array:
-    """Return an image with people: for each a number, which chooses the colour, joints and errors."""
+    """Return an image with people: for each a number, which chooses the colour, joints and errors.
+
+    `bones` is the thickness of bones relative to the image's height.
+    """
     picture, shade = image.copy(), image.copy()
-    thick = max(1, round(image.shape[0] / 300))
+    thick = max(1, round(image.shape[0] * bones))
     for number, positions, error in people:
         colour = COLOURS[number % len(COLOURS)]
         camera = positions @ view.rotation.T + view.translation

@@ -20,9 +20,9 @@ from benchmarks.report import new_parser, print_report, print_rows, talk
 from capture_app import AsyncRig
 from capture_app.common.child import Child
 from capture_app.protocol.status import NodeStatus
-from capture_app.rig.live_depth import live_depth
+from capture_app.rig.live_pictures import live_depth
 from capture_app.rig.rig_link import RigLink
-from capture_app.session.format.live_depth import DepthPreview
+from capture_app.session.format.live_pictures import DepthPreview
 
 LOOK_S = 0.5
 JUMPER = Path(__file__).parents[2] / "sample_sessions" / "jumper"

@@ -75,7 +75,7 @@ async def _next_preview(
     with suppress(TimeoutError):
         async with asyncio.timeout(wait_s):
             if depth:
-                from capture_app.rig.live_depth import live_depth
+                from capture_app.rig.live_pictures import live_depth
 
                 async with aclosing(live_depth(link, status, lambda: camera)) as depths:
                     pictures = await anext(depths)

@@ -53,6 +53,7 @@ _COMMANDS = {
         "capture-app monitor": "dashboard live watch",
         "capture-app --version": "version",
         "capture-app --help": "help",
+        "capture-app people": "osc live-people livemocap",
         "reconstruct calibrate SESSION": "calibrate calibration calib intrinsics extrinsics lens lenses",
         "reconstruct, a command of its own": "reconstruct",
         "reconstruct multiview SESSION": "photogrammetry depth depthmap depth-map mesh pointcloud 3d "
@@ -60,7 +61,7 @@ _COMMANDS = {
         "reconstruct stereo SESSION": "stereo disparity",
         "reconstruct splat SESSION": "splat splats gsplat gaussians train 3dgs",
         "reconstruct panorama SESSION": "panorama stitch pano",
-        "reconstruct people SESSION": "gait angles pose2d pose3d markerless people pose poses skeleton "
+        "reconstruct people SESSION": "gait angles pose2d pose3d markerless pose poses skeleton "
         "mocap joints keypoints triangulate c3d bvh trc",
         "reconstruct movers SESSION": "matte mattes mask masks movers",
         "reconstruct compare SESSION": "compare evaluate report",

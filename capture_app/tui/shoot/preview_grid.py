@@ -17,7 +17,7 @@ from capture_app.common.text import printable
 from capture_app.protocol.status import NodeStatus, Preview, RigStatus
 from capture_app.rig.instant_previews import APART_S, old_from_s
 from capture_app.rig.rig_link import RigLink
-from capture_app.session.format.live_depth import DepthPreview
+from capture_app.session.format.live_pictures import LivePicture
 from capture_app.tui.rig_record import RigRecord
 from capture_app.tui.shoot.full_view import FullView
 from capture_app.tui.signs import SIGNS, UNKNOWN
@@ -58,7 +58,7 @@ class PreviewTile(Vertical):
         self.picture = Picture(words="no picture yet", noise=NOISE)
         self._node, self._sign = node, SIGNS[node.state]
         self.moment_s: float | None = None
-        """When what it shows was, by the record's clock; None without a picture."""
+        """When what it shows was, by the record's clock; None without a preview."""
         self._age = ""
         super().__init__(self._title, self.picture)
 
@@ -141,8 +141,8 @@ class PreviewGrid(Container, can_focus=True):
         self._waiting: dict[str, Preview] = {}
         """Previews to draw next, by camera."""
         self._is_drawing = False
-        self._depth_of = ""
-        """Camera whose depth is shown instead of its preview; empty for none."""
+        self._found_in = ""
+        """Camera whose depth or people are shown instead of its preview; empty for none."""
 
     @property
     def tiles(self) -> tuple[PreviewTile, ...]:
@@ -188,7 +188,7 @@ class PreviewGrid(Container, can_focus=True):
         return next(iter([*self._tiles][self._at :]), "")
 
     def show_previews(self, previews: Iterable[Preview]) -> None:
-        """Show previews together, once earlier ones are drawn; none of a camera whose depth is shown."""
+        """Show previews together, once earlier ones are drawn; none of a camera whose depth or people are."""
         self._waiting.update((each.camera, each) for each in previews)
         if self._waiting and not self._is_drawing:
             self._is_drawing = True
@@ -212,7 +212,7 @@ class PreviewGrid(Container, can_focus=True):
                 drawn = [
                     (tile, preview, size := tile.picture.size, await draw_for(self.app, preview.jpeg, size))
                     for camera, preview in previews.items()
-                    if camera != self._depth_of
+                    if camera != self._found_in
                     and (tile := self._tiles.get(camera)) is not None
                     and tile.picture.size
                 ]
@@ -225,11 +225,12 @@ class PreviewGrid(Container, can_focus=True):
         finally:
             self._is_drawing = False
 
-    def show_depth(self, depth: DepthPreview | None) -> None:
-        """Show a camera's depth instead of its preview; None: all previews again."""
-        self._depth_of = "" if depth is None or not depth.jpeg else depth.camera
-        if depth is not None and self._depth_of in self._tiles:
-            self._tiles[self._depth_of].picture.show(depth.jpeg)
+    def show_found(self, found: LivePicture | None) -> None:
+        """Show what was found instead of its camera's preview; None: all previews again."""
+        self._found_in = "" if found is None or not found.jpeg else found.camera
+        if found is not None and (tile := self._tiles.get(self._found_in)) is not None:
+            tile.picture.show(found.jpeg)
+            tile.moment_s = None  # the title says how late it is
 
     def action_move(self, x: int, y: int) -> None:
         """Move the cursor."""

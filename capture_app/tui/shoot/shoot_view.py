@@ -1,7 +1,7 @@
 """Mode Shoot: Space takes; live previews beside the plan, followed by the contact sheet of the take."""
 
 import asyncio
-from collections.abc import Sequence
+from collections.abc import AsyncGenerator, Callable, Sequence
 from contextlib import aclosing
 from pathlib import Path, PurePath
 from typing import ClassVar
@@ -17,7 +17,7 @@ from capture_app.common.errors import SimulshotError
 from capture_app.common.text import clock_offset, count, printable
 from capture_app.protocol.orders import CancelBurst, EndBurst, Order
 from capture_app.protocol.status import BurstStatus, Preview, RigStatus
-from capture_app.rig.live_depth import live_depth
+from capture_app.rig.live_pictures import live_depth, live_people
 from capture_app.rig.rig_link import LinkLost, RigLink
 from capture_app.rig.taking import (
     Begun,
@@ -30,7 +30,7 @@ from capture_app.rig.taking import (
     Taking,
     Waiting,
 )
-from capture_app.session.format.live_depth import DepthPreview
+from capture_app.session.format.live_pictures import DEPTH, PEOPLE, LivePicture
 from capture_app.session.library.changes import trash_session
 from capture_app.session.reading.take_sheet import TakeSheet
 from capture_app.tui.jobs.result_screen import open_report
@@ -57,6 +57,7 @@ MAX_ANSWERS = 9
 MAX_TAKES = 100
 SOON_S = 5.0
 """Time in which live depth usually starts."""
+FOUND = {DEPTH: "depth is starting", PEOPLE: "people are looked for"}
 NARROW = 110
 """Columns below which a window is narrow; the plan then leaves more space to the pictures."""
 AGAIN = (Answer("keep", "k", "Keep, take again"), Answer("trash", "t", "Trash, take again"), CANCEL)
@@ -85,6 +86,15 @@ class ShootView(ModeView):
             id="shoot.live-depth",
             key_display="D",
             tooltip="of the chosen preview",
+        ),
+        Binding(
+            "J",
+            "live_people",
+            "Live people",
+            id="shoot.live-people",
+            key_display="J",
+            show=False,
+            tooltip="their joints in 3D, drawn into the chosen preview",
         ),
         Binding("y", "explain", "Why", id="shoot.why", tooltip="explains the verdict on the newest take"),
         Binding("n", "edit('name')", "Name", id="shoot.name"),
@@ -120,9 +130,10 @@ class ShootView(ModeView):
         self._failure = ""
         """Reason why the last order failed; the next order ends it, and a leader that is back."""
         self._was_lost = self._could_stop = False
-        self._wants_depth = False
-        self._depth: Worker[None] | None = None
-        """Worker that shows live depth."""
+        self._requested = ""
+        """What is shown in the chosen preview's place, DEPTH or PEOPLE; empty for the preview."""
+        self._finder: Worker[None] | None = None
+        """Worker that shows it."""
         self.plan_panel = PlanPanel(settings)
         self.take_panel = TakePanel()
         self.stage = Stage(rig, record)
@@ -265,36 +276,45 @@ class ShootView(ModeView):
 
     def action_live_depth(self) -> None:
         """Show the depth of the chosen camera instead of its preview, or its preview again."""
-        self._wants_depth = not self._wants_depth
+        self._want(DEPTH)
+
+    def action_live_people(self) -> None:
+        """Show people in 3D in the chosen camera's preview, or its preview alone again."""
+        self._want(PEOPLE)
+
+    def _want(self, subject: str) -> None:
+        if self._finder is not None:
+            self._finder.cancel()
+            self._finder = None
+        self._requested = "" if self._requested == subject else subject
         self.stage.show_live()
         self._want_previews()
 
-    @work(group="live-depth", exclusive=True)
-    async def _show_depth(self, status: RigStatus) -> None:
+    @work(group="live-pictures", exclusive=True)
+    async def _show_found(self, status: RigStatus, subject: str) -> None:
         begun_s = self._record.clock()
 
         def say_starting() -> None:
             """Say for how long: the process takes seconds to start, and more on a busy machine."""
             for_s = self._record.clock() - begun_s
-            words = "depth is starting" + (
-                f", for {for_s:.0f} s: this machine is busy" if for_s > SOON_S else ""
-            )
-            self.stage.show_depth(DepthPreview(0, self.stage.grid.chosen(), problem=words))
+            words = FOUND[subject] + (f", for {for_s:.0f} s: this machine is busy" if for_s > SOON_S else "")
+            self.stage.show_found(LivePicture(0, self.stage.grid.chosen(), problem=words))
 
         say_starting()
         starting = self.set_interval(1.0, say_starting)
+        find: Callable[..., AsyncGenerator[LivePicture, None]] = (
+            live_depth if subject == DEPTH else live_people
+        )
         try:
             with showing_errors(self):
-                async with aclosing(
-                    live_depth(self._rig.another(), status, self.stage.grid.chosen)
-                ) as depths:
-                    async for depth in depths:
+                async with aclosing(find(self._rig.another(), status, self.stage.grid.chosen)) as found:
+                    async for picture in found:
                         starting.stop()
-                        self.stage.show_depth(depth)
-            self._wants_depth = False  # it ended by an error
+                        self.stage.show_found(picture)
+            self._requested = ""  # it ended by an error
         finally:
             starting.stop()
-            self.stage.show_depth(None)
+            self.stage.show_found(None)
 
     def action_wiggle(self) -> None:
         """Wiggle through the cameras at the selected instant of the last take."""
@@ -511,11 +531,11 @@ class ShootView(ModeView):
         if not self.is_attached:  # a take may end while the screen closes
             return
         self.stage.want_previews(self.screen.is_active)
-        wants_depth = self._wants_depth and self.screen.is_active and self.stage.current == LIVE
-        if self._depth is not None and not wants_depth:
-            self._depth.cancel()
-        elif wants_depth and self._record.status and (self._depth is None or self._depth.is_finished):
-            self._depth = self._show_depth(self._record.status)
+        requested = self._requested if self.screen.is_active and self.stage.current == LIVE else ""
+        if self._finder is not None and not requested:
+            self._finder.cancel()
+        elif requested and self._record.status and (self._finder is None or self._finder.is_finished):
+            self._finder = self._show_found(self._record.status, requested)
 
     on_mode_hidden = _want_previews
 

@@ -12,7 +12,7 @@ from capture_app.common.text import duration, printable
 from capture_app.protocol.status import Preview
 from capture_app.rig.instant_previews import Gathering, old_from_s
 from capture_app.rig.rig_link import RigLink
-from capture_app.session.format.live_depth import DepthPreview
+from capture_app.session.format.live_pictures import DepthPreview, LivePicture, PeoplePreview
 from capture_app.session.reading.take_sheet import TakeSheet
 from capture_app.tui.rig_record import RigRecord
 from capture_app.tui.shoot.preview_grid import PreviewGrid, age_words
@@ -20,8 +20,8 @@ from capture_app.tui.widgets.contact_sheet import ContactSheet
 from capture_app.tui.widgets.lines import Lines, write_border
 
 LIVE, SHEET, COUNTDOWN = "live", "sheet", "countdown"
-DEPTHS = 20
-"""Number of latest depths over which their figures are averaged."""
+LATEST = 20
+"""Number of latest pictures over which their figures are averaged."""
 
 
 class Stage(ContentSwitcher):
@@ -33,9 +33,11 @@ class Stage(ContentSwitcher):
         self._gathering = Gathering()
         self._live = ""
         """What the newest instant's pictures are, in words."""
-        self._depths: deque[tuple[float, float | None]] = deque(maxlen=DEPTHS)
-        """Times (s) of the latest depths, with the fraction of moving pixels that have depth."""
-        self._shows_depth = False
+        self._found_s: deque[float] = deque(maxlen=LATEST)
+        """Times (s) at which the latest were shown."""
+        self._moving: deque[float] = deque(maxlen=LATEST)
+        """Fractions of moving pixels that have depth."""
+        self._shows_found = False
         self.grid = PreviewGrid(rig, record, id=LIVE)
         self.sheet = ContactSheet(id=SHEET)
         self._digits = Digits("")
@@ -71,7 +73,7 @@ class Stage(ContentSwitcher):
     def show_ages(self) -> None:
         """Say of which moment the previews are: live, or how long ago."""
         age_s = self.grid.show_ages()
-        if self.current != LIVE or self._shows_depth:
+        if self.current != LIVE or self._shows_found:
             return
         if age_s is None:
             write_border(self, "Live")
@@ -80,23 +82,32 @@ class Stage(ContentSwitcher):
         else:
             write_border(self, f"Live · {self._live}" if self._live else "Live")
 
-    def show_depth(self, depth: DepthPreview | None) -> None:
-        """Show a camera's depth, its rate and delay, and how much of what moves has depth; None: none."""
-        self.grid.show_depth(depth)
-        self._shows_depth = depth is not None
-        if depth is None:
-            self._depths.clear()
+    def show_found(self, found: LivePicture | None) -> None:
+        """Show what was found in a camera's preview, with its rate and delay; None: nothing."""
+        self.grid.show_found(found)
+        self._shows_found = found is not None
+        if found is None:
+            self._found_s.clear()
+            self._moving.clear()
             write_border(self, "Live" if self.current == LIVE else None)
             return
         # A narrow window has room for the reason alone.
-        words = [f"Live · {printable(depth.problem) or f'depth of {self._record.title(depth.camera)}'}"]
-        if not depth.problem:
-            self._depths.append((self._record.clock(), depth.moving_confirmed))
-            if len(self._depths) > 1:
-                rate = (len(self._depths) - 1) / max(self._depths[-1][0] - self._depths[0][0], 1e-3)
-                words.append(f"{rate:.1f} a second, {duration(depth.late_ns)} late")
-        if moving := [fraction for _, fraction in self._depths if fraction is not None]:
-            words.append(f"{100 * mean(moving):.0f} % of moving pixels have depth")
+        camera = self._record.title(found.camera)
+        what = f"depth of {camera}"
+        if isinstance(found, PeoplePreview):
+            what = "1 person" if len(found.people) == 1 else f"{len(found.people)} people"
+        words = [f"Live · {printable(found.problem) or what}"]
+        if not found.problem:
+            self._found_s.append(self._record.clock())
+            if len(self._found_s) > 1:
+                rate = (len(self._found_s) - 1) / max(self._found_s[-1] - self._found_s[0], 1e-3)
+                words.append(f"{rate:.1f} a second, {duration(found.late_ns)} late")
+        if isinstance(found, DepthPreview) and found.moving_confirmed is not None:
+            self._moving.append(found.moving_confirmed)
+        if self._moving:
+            words.append(f"{100 * mean(self._moving):.0f} % of moving pixels have depth")
+        if isinstance(found, PeoplePreview):
+            words += [f"without {self._record.title(name)}" for name in sorted(found.absent)]
         write_border(self, " · ".join(words))
 
     def show_live(self) -> None:

@@ -89,6 +89,7 @@ class BlazePose:
 
     skeleton: ClassVar[Skeleton] = SKELETONS["blazepose"]
     models: ClassVar[tuple[str, ...]] = MODELS
+    search_every_s: float = DETECT_EVERY_S
 
     def __init__(self, model: str) -> None:
         self._detector, self._landmarks = map(_Model, find_weights(model))
@@ -98,7 +99,7 @@ class BlazePose:
         """Return the people in the next frame (BGR), at a time: pixels (n, 33, 2) and confidences (n, 33)."""
         crops = self._followed if at_s - self._last_s <= MAX_PAUSE_S else []
         self._followed, self._last_s = [], at_s
-        if is_due := at_s - self._searched_s >= DETECT_EVERY_S:
+        if is_due := at_s - self._searched_s >= self.search_every_s:
             self._searched_s = at_s
         if is_due or not crops:
             # In a square of a part, people are larger.

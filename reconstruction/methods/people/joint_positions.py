@@ -44,7 +44,7 @@ def locate(projections: Array, pixels: Array, variances: Array, start: Array | N
     pixels = np.where(seen[..., None], pixels, 0.0)
     points = _start(projections, pixels, variances, seen) if start is None else np.nan_to_num(start)
     for step in range(STEPS + 1):
-        residuals, jacobian, ahead = _project(projections, pixels, points)
+        residuals, jacobian, ahead = project(projections, pixels, points)
         squared = (residuals**2).sum(axis=2) / variances
         weights = np.where(seen & ahead & (squared < OUTLIER**2), 1 / variances / (1 + squared), 0.0)
         weighted = weights[..., None, None] * jacobian
@@ -77,7 +77,7 @@ def _start(projections: Array, pixels: Array, variances: Array, seen: Array) -> 
         homogeneous = cv2.triangulatePoints(projections[a], projections[b], pixels[a].T, pixels[b].T).T
         with np.errstate(divide="ignore", invalid="ignore"):
             place = np.nan_to_num(homogeneous[:, :3] / homogeneous[:, 3:], posinf=0.0, neginf=0.0)
-        residuals, _, ahead = _project(projections, pixels, place)
+        residuals, _, ahead = project(projections, pixels, place)
         squared = np.where(ahead, (residuals**2).sum(axis=2) / variances, np.inf)
         cost = np.where(seen, np.minimum(squared, OUTLIER**2), 0).sum(axis=0)
         better = seen[a] & seen[b] & (cost < best)
@@ -85,7 +85,7 @@ def _start(projections: Array, pixels: Array, variances: Array, seen: Array) -> 
     return points
 
 
-def _project(projections: Array, pixels: Array, points: Array) -> tuple[Array, Array, Array]:
+def project(projections: Array, pixels: Array, points: Array) -> tuple[Array, Array, Array]:
     """Return residuals (cameras, n, 2), their Jacobians (cameras, n, 2, 3), and what is ahead of a camera."""
     homogeneous = np.einsum("cij,nj->cni", projections[..., :3], points) + projections[:, None, :, 3]
     ahead = homogeneous[..., 2] > 1e-9

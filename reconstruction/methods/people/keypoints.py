@@ -50,6 +50,8 @@ class Detector(Protocol):
     skeleton: ClassVar[Skeleton]
     models: ClassVar[Sequence[str]]
     """Names of its models for `--model`, the default first; may be empty."""
+    search_every_s: float
+    """Time after which it looks for new people; may be set."""
 
     def __init__(self, model: str) -> None:
         """Load a model; raises NotAvailableError if something is not installed."""

@@ -1,6 +1,6 @@
 """People to look at: joints drawn into each camera's images, films of them, and plots with error bands."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import cv2
@@ -12,6 +12,7 @@ from reconstruction.common.geometry import Array, View
 from reconstruction.common.image_files import write_image
 from reconstruction.common.templates import environment_of
 from reconstruction.methods.people.people_run import PeopleInTime
+from reconstruction.methods.people.skeletons import Skeleton
 from reconstruction.scene.dataset import Dataset
 
 COLOURS = ((172, 182, 38), (40, 130, 250), (219, 86, 211), (86, 180, 233), (120, 200, 80), (80, 80, 240))
@@ -25,11 +26,26 @@ PLOTTED = 8
 
 def draw_people(image: Array, view: View, found: PeopleInTime, time: int) -> Array:
     """Return an image with the people of a time: bones, and a disc of the error's size at each joint."""
+    people = [(number, one.positions[time], one.error[time]) for number, one in enumerate(found.people)]
+    return draw_joints(image, view, found.skeleton, people)
+
+
+def draw_joints(
+    image: Array,
+    view: View,
+    skeleton: Skeleton,
+    people: Sequence[tuple[int, Array, Array]],
+    bones: float = 1 / 300,
+) -> Array:
+    """Return an image with people: for each a number, which chooses the colour, joints and errors.
+
+    `bones` is the thickness of bones relative to the image's height.
+    """
     picture, shade = image.copy(), image.copy()
-    thick = max(1, round(image.shape[0] / 300))
-    for number, person in enumerate(found.people):
+    thick = max(1, round(image.shape[0] * bones))
+    for number, positions, error in people:
         colour = COLOURS[number % len(COLOURS)]
-        camera = person.positions[time] @ view.rotation.T + view.translation
+        camera = positions @ view.rotation.T + view.translation
         ahead = np.flatnonzero(camera[:, 2] > 1e-6)
         pixels = view.project(camera[ahead])
         places = {
@@ -37,11 +53,11 @@ def draw_people(image: Array, view: View, found: PeopleInTime, time: int) -> Arr
             for k, (x, y) in zip(ahead.tolist(), pixels.tolist(), strict=True)
             if abs(x) + abs(y) < FAR_PX
         }
-        for a, b in found.skeleton.bones:
+        for a, b in skeleton.bones:
             if a in places and b in places:
                 cv2.line(picture, places[a], places[b], colour, thick, cv2.LINE_AA)
         for joint, place in places.items():
-            radius = person.error[time, joint] * view.focal / camera[joint, 2]
+            radius = error[joint] * view.focal / camera[joint, 2]
             cv2.circle(shade, place, round(min(radius, 1e4)), colour, -1, cv2.LINE_AA)
             cv2.circle(picture, place, 2 * thick, colour, -1, cv2.LINE_AA)
     return np.asarray(cv2.addWeighted(picture, 0.75, shade, 0.25, 0))

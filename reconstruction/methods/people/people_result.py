@@ -12,6 +12,7 @@ from reconstruction.common.geometry import Array
 from reconstruction.common.outputs import Made
 from reconstruction.methods.people.detector_bias import detector_bias
 from reconstruction.methods.people.joint_formats import rate_of
+from reconstruction.methods.people.joint_times import describe_late_cameras
 from reconstruction.methods.people.people_files import (
     COLUMNS,
     SMOOTHED,
@@ -151,7 +152,7 @@ def save_people(scene: Scene, condition: Condition, folder: Path, method: People
         people=tuple(_summary(k, person, people.times_s) for k, person in enumerate(people.people, 1)),
         bias_source=bias_source,
         left_out=left_out,
-        remarks=(*_remarks(finder), *formats_left_out),
+        remarks=(*_remarks(finder), *describe_late_cameras(finder, people.times_s), *formats_left_out),
     )
 
 

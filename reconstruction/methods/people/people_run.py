@@ -19,7 +19,7 @@ from reconstruction.methods.people.joint_tracks import (
     size_of,
     stack,
 )
-from reconstruction.methods.people.keypoints import CameraJoints, Keypoints
+from reconstruction.methods.people.keypoints import CameraJoints, FrameJoints, Keypoints
 from reconstruction.methods.people.person_matching import Detections, Individual, PersonMatcher, merged
 from reconstruction.methods.people.skeletons import Skeleton
 from reconstruction.scene.dataset import Dataset
@@ -119,9 +119,7 @@ class PeopleFinder:
         self.skeleton, self.period_s, self.scale_error = skeleton, period_s, scale_error
         self.bias = np.zeros(len(skeleton.joints)) if bias is None else bias
         views = [one.view for one in self.frames]
-        self.projections = np.array(
-            [view.matrix @ np.column_stack([view.rotation, view.translation]) for view in views]
-        ).reshape(-1, 3, 4)
+        self.projections = np.array([*map(projection_of, views)]).reshape(-1, 3, 4)
         self.middle = np.mean([view.centre for view in views], axis=0)
         # A detector errs by a fraction of a person's size: by more pixels in a camera of more pixels.
         focal = np.array([view.focal for view in views])[:, None, None]
@@ -153,15 +151,8 @@ class PeopleFinder:
         `late_s` are delays (n,) by camera: each then shows what it saw that much later. `nearest` takes the
         nearest frames as they are.
         """
-        late = [(late_s or {}).get(name, 0.0) for name in self.names]
-        seen = [
-            stack([
-                interpolate(track, times_s + late_by, self.period_s, nearest=nearest)
-                for track, late_by in zip(tracks, late, strict=True)
-            ])
-            for tracks in self.people
-        ]  # fmt: skip
-        noise = self._noise(seen)
+        seen = self.pixels_at(times_s, late_s or {}, nearest=nearest)
+        noise = self.noise(seen)
         people = [self._person(one, noise) for one in seen]
         moved = np.concatenate([one.moved[np.isfinite(one.pixels[..., 0])] for one in seen])
         apart_s = [np.nanmin(np.abs(one.frame_s[:, None] - times_s), axis=0) for one in self.frames]
@@ -173,6 +164,24 @@ class PeopleFinder:
             moved_ms=float(np.median(apart_s)) * 1e3,
             moved_px=float(np.percentile(moved, 95)) if len(moved) else 0.0,
         )
+
+    def pixels_at(
+        self, times_s: Array, late_s: Mapping[str, Array], *, nearest: bool = False
+    ) -> list[PixelsAt]:
+        """Return each person's pixels in all cameras at times (n,); arguments as in `at`."""
+        return [
+            stack([
+                interpolate(track, times_s + late_s.get(name, 0.0), self.period_s, nearest=nearest)
+                for track, name in zip(tracks, self.names, strict=True)
+            ])
+            for tracks in self.people
+        ]  # fmt: skip
+
+    def project(self, camera: int, points: Array) -> Array:
+        """Return the pixels (..., 2), without distortion, of points (..., 3) in a camera."""
+        projection = self.projections[camera]
+        homogeneous = points @ projection[:, :3].T + projection[:, 3]
+        return np.asarray(homogeneous[..., :2] / homogeneous[..., 2:])
 
     def _tracks(self, individual: Individual, found: Sequence[Mapping[int, Detections]]) -> list[Track]:
         """Return one track a camera of an individual."""
@@ -186,7 +195,7 @@ class PeopleFinder:
             tracks.append(track)
         return tracks
 
-    def _locate(self, seen: PixelsAt, noise: Array, start: Array | None = None) -> Positions:
+    def locate(self, seen: PixelsAt, noise: Array, start: Array | None = None) -> Positions:
         """Locate all joints at all times by a noise (joints,), px, of a camera of median focal length."""
         confident = seen.confidence > 0
         detected = seen.noise * (noise * self.magnification / np.where(confident, seen.confidence, 1.0)) ** 2
@@ -197,7 +206,7 @@ class PeopleFinder:
             self.projections, seen.pixels.reshape(cameras, -1, 2), variances.reshape(cameras, -1), start
         )
 
-    def _noise(self, seen: Sequence[PixelsAt]) -> Array:
+    def noise(self, seen: Sequence[PixelsAt]) -> Array:
         """Return the standard deviation (joints,) of a pixel of full confidence, as residuals show it, px.
 
         It is that of a camera of the median focal length; in the others it is in proportion to theirs.
@@ -219,19 +228,17 @@ class PeopleFinder:
 
     def _ratios(self, seen: PixelsAt, noise: Array) -> Array:
         """Return sums of squared residuals (times, joints), relative to their median if `noise` is right."""
-        found = self._locate(seen, noise)
-        freedom = np.maximum(2 * found.cameras - 3, 1)
-        # The median of a chi-squared distribution, by Wilson and Hilferty.
-        ratios = found.misfit / (freedom * (1 - 2 / (9 * freedom)) ** 3)
+        found = self.locate(seen, noise)
+        ratios = found.misfit / expected_residual(found.cameras)
         return np.where(found.cameras > 0, ratios, np.nan).reshape(seen.confidence.shape[1:])
 
     def _person(self, seen: PixelsAt, noise: Array) -> Person:
         shape = seen.confidence.shape[1:]
         # Where cameras disagree, those are believed that agree with the times around.
-        first = self._locate(seen, noise).points
+        first = self.locate(seen, noise).points
         near = _running_median(first.reshape(*shape, 3)).reshape(-1, 3)
-        lost = np.isnan(self._locate(seen, noise, near).points)
-        found = self._locate(seen, noise, np.where(lost, first, near))
+        lost = np.isnan(self.locate(seen, noise, near).points)
+        found = self.locate(seen, noise, np.where(lost, first, near))
         outward = found.points - self.middle
         covariance = found.covariance + self.scale_error**2 * outward[:, :, None] * outward[:, None]
         size = float(np.nanmedian(size_of(found.points.reshape(*shape, 3)))) if found.cameras.any() else 0.0
@@ -240,18 +247,37 @@ class PeopleFinder:
         return Person(found.points.reshape(*shape, 3), *(part.reshape(shape) for part in parts))
 
 
+def projection_of(view: View) -> Array:
+    """Return a view's projection (3, 4) to pixels without distortion."""
+    return np.asarray(view.matrix @ np.column_stack([view.rotation, view.translation]))
+
+
+def expected_residual(cameras: Array) -> Array:
+    """Return the median sum of squared residuals (n,) of a position from so many cameras, if all is right.
+
+    The median of a chi-squared distribution of 2 c - 3 degrees of freedom, by Wilson and Hilferty.
+    """
+    freedom = np.maximum(2 * cameras - 3, 1)
+    return np.asarray(freedom * (1 - 2 / (9 * freedom)) ** 3)
+
+
+def detections_in(view: View, frame: FrameJoints, frame_s: float, row_s: float) -> Detections:
+    """Return what is seen in a frame of this time, without what lies outside the image or is unsure."""
+    inside = (np.abs((frame.pixels + 0.5) / (view.width, view.height) - 0.5) < 0.5).all(axis=2)
+    inside &= frame.confidence >= MIN_CONFIDENCE
+    straight = np.full(frame.pixels.shape, np.nan)
+    straight[inside] = view.undistort(frame.pixels[inside])
+    times = np.where(inside, frame_s + row_s * frame.pixels[..., 1], np.nan)
+    return Detections(times, straight, np.where(inside, frame.confidence, 0.0), frame.names)
+
+
 def _detections(camera: CameraFrames) -> dict[int, Detections]:
-    """Return what is seen in a camera's frames, without what lies outside its images or is unsure."""
-    view, found = camera.view, dict[int, Detections]()
-    for k, frame in camera.joints.items():
-        if k < len(camera.frame_s) and np.isfinite(camera.frame_s[k]):
-            inside = (np.abs((frame.pixels + 0.5) / (view.width, view.height) - 0.5) < 0.5).all(axis=2)
-            inside &= frame.confidence >= MIN_CONFIDENCE
-            straight = np.full(frame.pixels.shape, np.nan)
-            straight[inside] = view.undistort(frame.pixels[inside])
-            times = np.where(inside, camera.frame_s[k] + camera.row_s * frame.pixels[..., 1], np.nan)
-            found[k] = Detections(times, straight, np.where(inside, frame.confidence, 0.0), frame.names)
-    return found
+    """Return what is seen in a camera's frames that have a time."""
+    return {
+        k: detections_in(camera.view, frame, float(camera.frame_s[k]), camera.row_s)
+        for k, frame in camera.joints.items()
+        if k < len(camera.frame_s) and np.isfinite(camera.frame_s[k])
+    }
 
 
 def _cut_names(

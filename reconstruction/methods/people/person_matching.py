@@ -80,7 +80,7 @@ class Individual:
     """Steps at which at least two cameras show it."""
 
     def is_somebody(self, steps: int) -> bool:
-        """Whether it is more than an agreement by chance, in some steps without a long pause."""
+        """Whether it is more than an agreement by chance, in so many steps without a long pause."""
         number = len(self.confirmed)
         span = self.confirmed[-1] - self.confirmed[0] + 1 if number else 0
         return number >= max(1, min(MIN_STEPS, steps / 2), MIN_DENSITY * span)
@@ -102,21 +102,26 @@ class PersonMatcher:
     ) -> None:
         self.projections, self.sizes, self.detections = projections, sizes, detections
         self.mirror = mirrored(joints)
-        self.ended, self.active, self.step = list[Individual](), list[Individual](), 0
+        self.ended, self.active, self.step = list[Individual](), list[Individual](), -1
 
     def match(self, frame_s: Sequence[Array], period_s: float) -> list[Individual]:
         """Return the individuals, by the times (frames,) of each camera's frames, NaN = no frame."""
         steps = _steps(frame_s, period_s)
-        with warnings.catch_warnings():
-            # Means of what is unknown everywhere.
-            warnings.simplefilter("ignore", RuntimeWarning)
-            for self.step, frames in enumerate(steps):
-                self._step(frames, {camera: float(frame_s[camera][k]) for camera, k in frames.items()})
+        for frames in steps:
+            self.follow(frames, {camera: float(frame_s[camera][k]) for camera, k in frames.items()})
         begins_s = np.array([min(frame_s[camera][k] for camera, k in frames.items()) for frames in steps])
         take = np.cumsum(np.diff(begins_s, prepend=begins_s[:1]) > MAX_LOST_S)
         long = np.bincount(take)
         everybody = [one for one in self.ended + self.active if one.confirmed]
         return [one for one in everybody if one.is_somebody(int(long[take[one.confirmed[0]]]))]
+
+    def follow(self, frames: Mapping[int, int], times: Mapping[int, float]) -> None:
+        """Take the next step in time, by each camera's frame and its time."""
+        self.step += 1
+        with warnings.catch_warnings():
+            # Means of what is unknown everywhere.
+            warnings.simplefilter("ignore", RuntimeWarning)
+            self._step(frames, times)
 
     def _step(self, frames: Mapping[int, int], times: Mapping[int, float]) -> None:
         now_s = float(np.mean(list(times.values())))

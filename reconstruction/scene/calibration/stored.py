@@ -124,8 +124,8 @@ def find_calibration(modes: Mapping[str, CameraMode]) -> StoredCalibration | Non
     return msgspec.structs.replace(stored, calibration=_in_same_mode(stored.calibration, stored.modes, modes))
 
 
-def find_rig_views(modes: Mapping[str, CameraMode], folder: Path | None) -> dict[str, View]:
-    """Return the calibrated views of a running rig's cameras; empty if none is known.
+def find_rig_views(modes: Mapping[str, CameraMode], folder: Path | None) -> tuple[dict[str, View], str]:
+    """Return the calibrated views of a running rig's cameras, and their unit; empty if none is known.
 
     By a new session in `folder` that has a calibration of two of these cameras, else by the stored one.
     """
@@ -138,12 +138,15 @@ def find_rig_views(modes: Mapping[str, CameraMode], folder: Path | None) -> dict
                 calibrations.append(_in_same_mode(own, camera_modes(dataset), modes))
     if (stored := find_calibration(modes)) is not None:
         calibrations.append(stored.calibration)
-    cameras = next((calibration.cameras for calibration in calibrations if len(calibration.cameras) > 1), {})
-    return {
+    chosen = next((one for one in calibrations if len(one.cameras) > 1), None)
+    if chosen is None:
+        return {}, ""
+    views = {
         name: View.from_calibration(camera, modes[name].width, modes[name].height)
-        for name, camera in cameras.items()
+        for name, camera in chosen.cameras.items()
         if not camera_fault(camera)
     }
+    return views, chosen.unit
 
 
 def _in_same_mode(

@@ -5,9 +5,9 @@ from contextlib import aclosing
 from pathlib import Path
 
 from capture_app import AsyncRig
-from capture_app.rig.live_depth import live_depth
+from capture_app.rig.live_pictures import live_depth
 from capture_app.rig.rig_link import RigLink
-from capture_app.session.format.live_depth import DepthPreview
+from capture_app.session.format.live_pictures import DepthPreview
 from tests.project import JUMPER
 from tests.system.end_to_end.conftest import TIMEOUT_S, Start
 from tests.system.end_to_end.rig import lead

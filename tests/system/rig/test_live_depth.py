@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from capture_app.common.errors import NetworkError
-from capture_app.rig import live_depth as module
-from capture_app.rig.live_depth import live_depth
+from capture_app.rig import live_pictures as module
+from capture_app.rig.live_pictures import live_depth
 from capture_app.session.reading.decoding import decode_preview
 from tests.project import JUMPER
 from tests.unit.rig.test_live_depth import (

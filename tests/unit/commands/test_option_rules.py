@@ -207,6 +207,7 @@ ALWAYS = {
     "capture-app demo": "--cameras --out --stagger",
     "capture-app link": "--connect",
     "capture-app monitor": "--host --port --certificate",
+    "capture-app people": "--osc --lsl --for-s",
     "capture-app panel read": "--out --apply",
     "capture-app panel show": "--save",
     "capture-app panel sketch": "--out --panel --pitch-mm --page",

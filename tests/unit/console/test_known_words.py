@@ -71,7 +71,6 @@ capture-app compare > reconstruct compare SESSION
 capture-app time > reconstruct time SESSION
 capture-app simulate > capture-app demo
 capture-app sim > capture-app demo
-capture-app people > reconstruct people SESSION
 capture-app pose > reconstruct people SESSION
 capture-app depthmap > reconstruct multiview SESSION
 capture-app play > reconstruct view SESSION

@@ -8,8 +8,8 @@ import pytest
 
 from capture_app.common.errors import SimulshotError
 from capture_app.protocol.status import Preview
-from capture_app.rig import live_depth as module
-from capture_app.rig.live_depth import live_depth
+from capture_app.rig import live_pictures as module
+from capture_app.rig.live_pictures import live_depth
 from capture_app.session.reading.decoding import decode_preview
 from tests.facts import make_facts
 from tests.project import JUMPER

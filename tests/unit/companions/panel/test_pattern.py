@@ -9,12 +9,17 @@ from capture_app.companions.panel.pattern import (
     MARKER_SIZE,
     PANEL_OF_MARKER,
     PANELS,
+    Lamp,
     Panel,
 )
 
 
+def is_lit(lamp: Lamp, tick: int) -> bool:
+    return (tick - lamp.start) % lamp.period < lamp.lit
+
+
 def light(panel: Panel, tick: int) -> tuple[bool, ...]:
-    return tuple((tick - lamp.start) % lamp.period < lamp.lit for lamp in panel.lamps)
+    return tuple(is_lit(lamp, tick) for lamp in panel.lamps)
 
 
 def test_the_papers_panel_lights_a_column_a_tick_and_a_lamp_of_its_row_for_ten() -> None:

@@ -14,7 +14,7 @@ from capture_app import cli
 from capture_app.companions.panel.led_build import FILES
 from capture_app.companions.panel.pattern import DICTIONARY, PANELS, Panel, corners_of_marker
 from tests.unit.board.pages import PX_PER_MM, read_pdf, read_svg
-from tests.unit.companions.panel.test_pattern import light
+from tests.unit.companions.panel.test_pattern import is_lit
 
 HERE = Path(__file__).parent
 COMPILER = shutil.which("g++") or shutil.which("clang++")
@@ -63,10 +63,11 @@ def test_the_sketch_lights_what_the_panel_lights(panel: Panel, tmp_path: Path) -
     names = lamp_names(panel)
     assert len(shown) == ticks
     assert set(names) == set(bits)
+    lamps = panel.lamps
     for tick, outputs in enumerate(shown):
         # Beyond the chain's end nothing is wired; spare outputs within it stay off.
         on = {bit for bit in range(24 * len(panel.ticks)) if int(outputs, 16) >> bit & 1}
-        assert on == {bits[name] for name, lit in zip(names, light(panel, tick), strict=True) if lit}
+        assert on == {bits[name] for name, lamp in zip(names, lamps, strict=True) if is_lit(lamp, tick)}
 
 
 @pytest.mark.parametrize("panel", LED_PANELS, ids=lambda panel: panel.name)

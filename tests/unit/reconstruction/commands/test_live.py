@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import pytest
 
 from capture_app.common.errors import ExitCode
-from capture_app.session.format.live_depth import LENGTH
+from capture_app.session.format.live_pictures import LENGTH
 from tests.unit.reconstruction.conftest import Reconstruct
 
 

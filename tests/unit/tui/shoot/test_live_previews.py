@@ -14,7 +14,7 @@ from textual.screen import Screen
 
 from capture_app.common.node_state import NodeState
 from capture_app.protocol.status import BurstStatus, Preview
-from capture_app.session.format.live_depth import DepthPreview
+from capture_app.session.format.live_pictures import DepthPreview, LivePerson, PeoplePreview
 from capture_app.tui.shoot.full_view import FullView
 from capture_app.tui.shoot.preview_grid import PreviewTile
 from capture_app.tui.widgets.cells import CellPicture
@@ -163,16 +163,25 @@ async def test_depth_takes_the_place_of_its_camera_until_it_ends(tmp_path: Path)
         await studio.show_all(pilot)
         near = DepthPreview(0, "cam01", jpeg=picture(250), moving_confirmed=0.94, late_ns=300_000_000)
         preview = studio.tiles[1].picture.cells
-        studio.view.stage.show_depth(near)
+        studio.view.stage.show_found(near)
         await until(pilot, lambda: studio.tiles[1].picture.cells is not preview)
         shown = studio.tiles[1].picture.cells
         assert studio.title == "Live · depth of cam01 · 94 % of moving pixels have depth"
         before = studio.tiles[0].picture.cells
+        studio.pass_time(30.0)
         for camera in ("cam00", "cam01"):
             studio.show(camera, 90, completes=camera == "cam01")
         await until(pilot, lambda: studio.tiles[0].picture.cells is not before)
         assert studio.tiles[1].picture.cells is shown
-        studio.view.stage.show_depth(None)
+        assert "ago" not in studio.tiles[1].title
+        assert not studio.tiles[1].picture.is_faded
+        found = (LivePerson(1, {}), LivePerson(2, {}))
+        studio.view.stage.show_found(
+            PeoplePreview(1, "cam01", jpeg=picture(9), people=found, absent={"cam00": ""})
+        )
+        assert studio.title.startswith("Live · 2 people · ")
+        assert studio.title.endswith(" · without cam00")
+        studio.view.stage.show_found(None)
         await studio.show_all(pilot, level=120)
         await until(pilot, lambda: studio.tiles[1].picture.cells is not shown)
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from capture_app.companions.panel.pattern import DICTIONARY, PANEL_OF_MARKER, Panel, corners_of_marker
 from tests.browser import CHROMIUM, Browser
 from tests.unit.companions.panel.screen.browser_page import play, shown, start_browser, write_page
-from tests.unit.companions.panel.test_pattern import light
+from tests.unit.companions.panel.test_pattern import is_lit
 
 pytestmark = [pytest.mark.skipif(CHROMIUM is None, reason="there is no Chromium here")]
 
@@ -50,7 +50,8 @@ def look(picture: NDArray[np.uint8]) -> tuple[Panel, tuple[bool, ...]] | None:
 
 @cache
 def _ticks(panel: Panel) -> dict[tuple[bool, ...], int]:
-    return {light(panel, tick): tick for tick in range(panel.cycle_ticks)}
+    lamps = panel.lamps
+    return {tuple(is_lit(lamp, tick) for lamp in lamps): tick for tick in range(panel.cycle_ticks)}
 
 
 def read_tick(browser: Browser) -> tuple[str, int]:

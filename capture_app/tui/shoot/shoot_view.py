@@ -196,7 +196,7 @@ class ShootView(ModeView):
             recording.ended_s = self._record.clock()
             self._show_course()
         else:
-            self._shoot(self.plan_panel.settings.plan(self.plan_panel.max_s))
+            self._shoot(self.plan_panel.plan())
 
     @property
     def _recording(self) -> Take | None:
@@ -229,7 +229,7 @@ class ShootView(ModeView):
     async def action_retake(self) -> None:
         """Repeat the last take, after asking whether to keep or trash it."""
         last = next((take for take in reversed(self.takes) if take.plan is not None), None)
-        plan = (last and last.plan) or self.plan_panel.settings.plan(self.plan_panel.max_s)
+        plan = (last and last.plan) or self.plan_panel.plan()
         if self._taking.is_open:
             return
         if last is None or last.sheet is None or last.trashed:

@@ -249,6 +249,10 @@ class RigLink:
         """Hold exposure, gain, white balance and focus of one camera, and set them on all others that can."""
         return await match_cameras(self.leader, await ask_status(self.leader), source)
 
+    async def set_camera(self, camera: str, values: Mapping[Control, ControlValue]) -> CamerasControls:
+        """Set controls of one camera, and return the state of all of them."""
+        return await set_cameras(self.leader, await ask_status(self.leader), values, [camera])
+
     async def _read(self, channel: Channel[Any], message: messages.FromLeader) -> AsyncIterator[Update]:
         match message:
             case messages.StatusAnswer():

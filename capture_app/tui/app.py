@@ -323,7 +323,7 @@ class SimulshotApp(App[None]):
             "capture-app cameras set",
             SystemCommand(
                 "Exposure, gain, white balance, focus",
-                "in Rig, enter shows a camera's; `capture-app cameras set` changes them",
+                "in Rig, enter opens a camera, and X sets it",
                 partial(self.action_switch_mode, "rig"),
             ),
         )
@@ -331,8 +331,8 @@ class SimulshotApp(App[None]):
             "capture-app node fps",
             SystemCommand(
                 "Frames a second",
-                "in a camera's spec, as in `capture-app node --camera v4l2:/dev/video0,fps=60`; of a "
-                "recording, `capture-app record --fps 10`",
+                "of a recording, the rate in Shoot; of a camera, in its spec, as in "
+                "`capture-app node --camera v4l2:/dev/video0,fps=60`",
                 partial(self.action_switch_mode, "rig"),
             ),
         )

@@ -30,9 +30,9 @@ TERMS = {
     "drops": "frames that a camera did not deliver",
     "↔": "spread: time from the first to the last image of an instant",
     "late": "an image off its instant by more than the tolerance",
-    "exposure": "also gain: capture-app cameras set exposure=4000 gain=2",
+    "exposure": "also gain, white balance, focus: enter on a camera, then X",
     "calibrate": "capture-app coverage, a burst, then reconstruct calibrate",
-    "fps": "--fps where a take is started, or fps=60 in a camera's SPEC",
+    "fps": "the rate of a recording, or fps=60 in a camera's SPEC",
     "★": "best synchronized take, of those that lack no image",
 }
 """Words that a newcomer may not know, or look for in vain on the screen."""

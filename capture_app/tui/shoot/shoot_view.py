@@ -373,6 +373,8 @@ class ShootView(ModeView):
                 self._end_course(keys + reason)
             case Begun():
                 self._end_course(f"◉ {of} is being taken")
+                if plan.video:  # not the sheet of the take before
+                    self.stage.show_live()
             case Progress(status=status):
                 self._course = self._course if self._taking.is_open else ""
                 self._note(status, plan, retake_of)

@@ -5,11 +5,10 @@ from dataclasses import dataclass
 from datetime import datetime
 from functools import partial
 from pathlib import Path
-from typing import ClassVar, Literal, get_args
+from typing import Literal, get_args
 
 from rich.style import Style
 from textual import work
-from textual.binding import Binding, BindingType
 from textual.containers import Vertical
 from textual.content import Content
 from textual.geometry import Size
@@ -27,7 +26,6 @@ from capture_app.tui.signs import GRADES, Sign
 from capture_app.tui.widgets.cells import CellPicture
 from capture_app.tui.widgets.contact_sheet import ContactSheet
 from capture_app.tui.widgets.lines import Lines, fitting, justified, strip_of_line, write_border
-from capture_app.tui.widgets.look import Motion
 from capture_app.tui.widgets.picture import draw_for, strip_of_middle
 from capture_app.tui.widgets.row_list import RowList
 
@@ -233,13 +231,6 @@ def _when(created: str) -> str:
 class TakePane(Vertical):
     """Pane of a session; the caller loads the sheet."""
 
-    BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("b", "look('cameras')", "Blink", id="take.blink", tooltip="alternate two cameras"),
-        Binding(
-            "w", "look('wiggle')", "Wiggle", id="take.wiggle", tooltip="back and forth through the cameras"
-        ),
-    ]
-
     def __init__(self) -> None:
         self.entry: Entry | None = None
         """Session on display."""
@@ -256,10 +247,6 @@ class TakePane(Vertical):
         if sheet is not self.sheet.sheet:
             self.sheet.show(sheet)
         self._show_words()
-
-    def action_look(self, motion: Motion) -> None:
-        """Open the selected picture, in motion."""
-        self.sheet.action_look(motion)
 
     def _show_words(self) -> None:
         self._words.show(() if self.entry is None else self._lines(self.entry.card, self.sheet.sheet))

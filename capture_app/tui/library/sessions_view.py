@@ -303,29 +303,17 @@ class SessionsView(ModeView):
         entry, (what, *_) = self.entry, parameters
         if entry is None or what == "results":
             return entry is not None and self._latest_result(entry) is not None
-        is_complete = entry.card.state == "complete"
-        if entry.card.state == "being saved" or (what == "compare" and is_complete and not entry.card.images):
-            # The key explains why not, while a hidden key explains nothing.
-            return True
-        whole = is_complete or what in ("analyse", "trash")
-        may_change = not entry.is_sample or what not in ("rename", "note", "trash")
-        can_compare = len(entry.card.cameras) > 1 and entry.card.images > 1
-        return whole and may_change and (what != "compare" or can_compare)
+        # The key explains why not, while a hidden key explains nothing.
+        return bool(_why_not(entry, what)) or entry.card.state == "complete" or what in ("analyse", "trash")
 
     def action_on_session(self, what: str, *choice: str) -> None:
-        """Do something with the selected session; while it is being saved, say so instead.
+        """Do something with the selected session, or say why that does not work.
 
         `choice`: the command or format, which is asked for otherwise.
         """
         entry = self.entry
-        if entry is not None and entry.card.state == "being saved":
-            words = f"{printable(entry.card.shown)} is being saved: try again when that is done"
-            self.app.notify(words, markup=False)
-        elif entry is not None and what == "compare" and not entry.card.images:
-            self.app.notify(f"{printable(entry.card.shown)} has no images: nothing to compare", markup=False)
-        elif entry is not None and what == "compare" and entry.card.instants == 1:
-            words = f"{printable(entry.card.shown)} has one instant: no frame can be offset. Take 5 or more"
-            self.app.notify(words, markup=False)
+        if entry is not None and (why := _why_not(entry, what)):
+            self.app.notify(f"{printable(entry.card.shown)} {why}", markup=False)
         elif entry is not None and what in COMMANDS:
             self._start(COMMANDS[what], entry)
         elif entry is not None:
@@ -547,6 +535,20 @@ class SessionsView(ModeView):
                 deleted = await asyncio.to_thread(empty_trash, root)
                 self.app.notify(f"{count(deleted, 'session')} deleted")
             await self._runs.read()
+
+
+def _why_not(entry: Entry, what: object) -> str:
+    """Return why an action does not work for a session that has its key; empty if it works."""
+    card = entry.card
+    if card.state == "being saved":
+        return "is being saved: try again when that is done"
+    if entry.is_sample and what in ("rename", "note", "trash"):
+        return "is a sample that comes with simulshot, and stays as it is"
+    if what != "compare" or card.state != "complete":
+        return ""
+    if not card.images or len(card.cameras) < 2:
+        return f"has {'one camera' if card.images else 'no images'}: nothing to compare"
+    return "has one instant: no frame can be offset. Take 5 or more" if card.instants == 1 else ""
 
 
 def name_question(card: SessionCard) -> TextQuestion:

@@ -133,11 +133,24 @@ async def test_a_session_of_one_instant_is_not_compared(sessions: Path) -> None:
         assert not pilot.app.runs.all
 
 
+async def test_a_session_of_one_camera_is_not_compared(sessions: Path) -> None:
+    make_take(sessions, name="alone", cameras=1)
+    async with library(sessions) as pilot:
+        await choose(pilot, "alone")
+        await pilot.press("c")
+        await until(pilot, lambda: toasts(pilot.app))
+        assert toasts(pilot.app) == ["alone has one camera: nothing to compare"]
+
+
 async def test_samples_are_shown_and_left_as_they_are(sessions: Path) -> None:
     async with library(sessions) as pilot:
         sample = next(key for key in rows(pilot.app).keys if key.endswith("sample_sessions/jumper"))
         rows(pilot.app).choose(sample)
         await settle(pilot)
-        for action in ("rename", "note", "trash"):
-            assert view(pilot.app).check_action("on_session", (action,)) is False
+        await pilot.press("n", "t", "delete")
+        await until(pilot, lambda: len(toasts(pilot.app)) == 3)
+        assert set(toasts(pilot.app)) == {
+            "jumper is a sample that comes with simulshot, and stays as it is"
+        }, "each key says why"
+        assert sample in rows(pilot.app).keys
         assert view(pilot.app).check_action("on_session", ("compare",)) is True

@@ -1,6 +1,6 @@
 """List of sessions with filter, order and three-line rows, and the pane of the selected session."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from functools import partial
@@ -32,7 +32,7 @@ from capture_app.tui.widgets.row_list import RowList
 SAMPLES = "sample_sessions"
 
 
-Order = Literal["newest first", "best synchronized first", "by name"]
+Order = Literal["newest first", "best synchronized first", "by name", "largest first"]
 """Sort order of sessions."""
 ORDERS: tuple[Order, ...] = get_args(Order)
 ROWS = 3
@@ -64,16 +64,26 @@ class Entry:
 
 
 def arrange(
-    sessions: Sequence[SessionCard], samples: Sequence[SessionCard], order: Order, words: str = ""
+    sessions: Sequence[SessionCard],
+    samples: Sequence[SessionCard],
+    order: Order,
+    words: str,
+    further: Mapping[Path, int],
 ) -> list[Entry]:
-    """Return the sessions whose displayed text contains all words, sorted; samples come last."""
+    """Return the sessions whose displayed text contains all words, sorted; samples come last.
+
+    `further`: bytes of each folder's session beyond its images, such as results.
+    """
     found = [card for card in sessions if _matches(card, words)]
     best = best_synchronized(
         [card for card in found if not is_incomplete(card.missing, card.images + card.missing)]
     )
     return [
-        *(Entry(card, is_best=card is best) for card in _sort(found, order)),
-        *(Entry(card, is_sample=True) for card in _sort([c for c in samples if _matches(c, words)], order)),
+        *(Entry(card, is_best=card is best) for card in _sort(found, order, further)),
+        *(
+            Entry(card, is_sample=True)
+            for card in _sort([c for c in samples if _matches(c, words)], order, further)
+        ),
     ]
 
 
@@ -83,13 +93,15 @@ def find_samples(sessions: Path) -> Path | None:
     return next((one for one in places if one.is_dir() and one.resolve() != sessions.resolve()), None)
 
 
-def _sort(cards: Sequence[SessionCard], order: Order) -> list[SessionCard]:
+def _sort(cards: Sequence[SessionCard], order: Order, further: Mapping[Path, int]) -> list[SessionCard]:
     found = sorted(cards, key=lambda card: natural_order(card.name))
     if order == "best synchronized first":
         found.sort(key=lambda card: (card.worst_ns is None, card.missing > 0, card.worst_ns or 0))
     if order == "newest first":
         # A session being saved has no date yet and is the newest.
         found.sort(key=lambda card: (card.state == "being saved", card.created), reverse=True)
+    if order == "largest first":
+        found.sort(key=lambda card: -card.size_bytes - further.get(card.folder, 0))
     return found
 
 
@@ -108,12 +120,15 @@ class SessionRows(RowList[Entry]):
         self._runs = runs
         self._thumbs: dict[tuple[Path, ...], CellPicture | None] = {}
         self._requested: list[str] = []
+        self.further: dict[Path, int] = {}
+        """Bytes beyond its images of each folder's session: its results, or all of an incomplete one."""
 
     def _draw_entry(self, entry: Entry, width: int, chosen: bool) -> Sequence[Content | Strip]:
         """Draw the thumbnail beside three lines."""
         room = width - THUMB - 3
         notes = Content.styled(" · ", "$foreground-muted").join(_notes(entry.card))
-        lines, plain = [self._title(entry, room), self._facts(entry.card, room), notes], self.rich_style
+        last = justified(notes, self._disk_space(entry.card), room)
+        lines, plain = [self._title(entry, room), self._facts(entry.card, room), last], self.rich_style
         style = "on $block-cursor-background" if chosen else ""
         mark = strip_of_line(self, Content.styled("▌" if chosen else " ", "$primary").stylize_before(style))
 
@@ -147,6 +162,13 @@ class SessionRows(RowList[Entry]):
         time_difference = scatter_of(card)
         tags = fitting(map(run_tag, self._runs.of(card.folder)), "  ", room - time_difference.cell_length - 2)
         return justified(time_difference, Content("  ").join(tags), room)
+
+    def _disk_space(self, card: SessionCard) -> Content:
+        """Return the size of a session and of what was made from it."""
+        further = self.further.get(card.folder, 0)
+        results = f"results {megabytes(further)} + " if further and card.state == "complete" else ""
+        own = card.size_bytes if card.state == "complete" else further
+        return Content.styled(f"{results}{megabytes(own)}", "$foreground-muted")
 
     def _thumb_line(self, entry: Entry, line: int, plain: Style) -> Strip:
         images = entry.card.first_images[:1]

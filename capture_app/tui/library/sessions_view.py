@@ -14,18 +14,20 @@ from textual.content import Content
 
 from capture_app.common.errors import BadInputError, SimulshotError
 from capture_app.common.names import check_name, free_name
-from capture_app.common.text import count, printable
+from capture_app.common.text import count, megabytes, printable
 from capture_app.session.exporting.exporter import load_exporters
 from capture_app.session.library.changes import (
+    TRASH,
     check_note,
     empty_trash,
     rename_session,
     restore_session,
+    results_folder,
     set_note,
     trash_session,
     trashed_sessions,
 )
-from capture_app.session.library.listing import SessionCard, SessionListing
+from capture_app.session.library.listing import SessionCard, SessionListing, disk_bytes
 from capture_app.session.reading.take_sheet import TakeSheet
 from capture_app.tui.jobs.result_screen import open_report, show_result
 from capture_app.tui.jobs.run import (
@@ -116,7 +118,7 @@ class SessionsView(ModeView):
             "Sort",
             id="sessions.sort",
             key_display="<",
-            tooltip="takes against each other: by synchronization, name, time",
+            tooltip="takes against each other: by synchronization, name, time, size",
         ),
         Binding("slash", "filter", "Find", id="sessions.filter", key_display="/"),
         Binding(
@@ -150,6 +152,7 @@ class SessionsView(ModeView):
         self._cards: list[SessionCard] | None = None
         """Sessions as last read; None before the first read or after a change of folder."""
         self._samples: list[SessionCard] = []
+        self._trash_bytes = 0
         self._target: Path | None = None
         """Session, or folder of sessions, to select once it is listed."""
         self._reading = asyncio.Lock()
@@ -166,6 +169,7 @@ class SessionsView(ModeView):
         """Read the folder at once."""
         super().on_mode_shown()
         self._look_again()
+        self._measure()
 
     def on_resize(self) -> None:
         """Show the selected session beside the list if there is space."""
@@ -181,6 +185,7 @@ class SessionsView(ModeView):
         if message.what is self._runs:
             self._rows.show_all_again()
             self.refresh_bindings()
+            self._measure()
 
     @property
     def entry(self) -> Entry | None:
@@ -230,6 +235,26 @@ class SessionsView(ModeView):
             if listing is self._listing and (cards != self._cards or self._target is not None):
                 self._cards = cards
                 self._show()
+                self._measure()
+
+    @work(exclusive=True, group="sizes")
+    async def _measure(self) -> None:
+        """Measure results and the trash in a thread, as that takes seconds on a slow disk."""
+        root, cards = self._listing.root, [*(self._cards or ()), *self._samples]
+
+        def measure() -> tuple[dict[Path, int], int]:
+            further = {
+                card.folder: disk_bytes(
+                    results_folder(card.folder, root), *[card.folder] * (card.state != "complete")
+                )
+                for card in cards
+            }
+            return further, disk_bytes(root / TRASH)
+
+        found = await asyncio.to_thread(measure)
+        if found != (self._rows.further, self._trash_bytes):
+            self._rows.further, self._trash_bytes = found
+            self._show()
 
     @property
     def _order(self) -> Order:
@@ -237,7 +262,7 @@ class SessionsView(ModeView):
 
     def _show(self) -> None:
         words = self._find.value if self._find.display else ""
-        entries = arrange(self._cards or [], self._samples, self._order, words)
+        entries = arrange(self._cards or [], self._samples, self._order, words, self._rows.further)
         nothing_chosen = not self._rows.chosen
         self._rows.show_items({entry.key: entry for entry in entries})
         if nothing_chosen:
@@ -255,7 +280,8 @@ class SessionsView(ModeView):
         self._empty.show([Content(f"No session has “{printable(words)}”; esc shows all." if words else text)])
         here = sum(not entry.is_sample for entry in entries)
         samples = f" · {count(len(entries) - here, 'sample')}" if len(entries) > here else ""
-        self._name_frame(f"{count(here, 'session')}{samples}")
+        trash = f" · trash {megabytes(self._trash_bytes)}" if self._trash_bytes else ""
+        self._name_frame(f"{count(here, 'session')}{samples}{trash}")
         self.on_row_list_chosen(SessionRows.Chosen())
 
     on_input_changed = _show
@@ -526,7 +552,8 @@ class SessionsView(ModeView):
         root = self._listing.root
         sessions = count(len(await asyncio.to_thread(trashed_sessions, root)), "session")
         question = Question(
-            f"The trash of {root} has {sessions}. Nothing restores what is deleted here.",
+            f"The trash of {root} has {sessions}, {megabytes(self._trash_bytes)}. Nothing restores what is "
+            "deleted here.",
             [Answer("keep", "k", "Keep the trash"), Answer("delete", "d", "Delete for good")],
             title="Empty the trash?",
         )

@@ -416,15 +416,8 @@ class SessionsView(ModeView):
                 if chosen in (None, COVERAGE):
                     return
                 quick = chosen
-            out = self._runs.out(command, folder)
             options = await self.app.push_screen_wait(
-                TextQuestion(
-                    f"$ {command.line(folder, out, 'OPTIONS')}\n\nIts OPTIONS, or none; enter starts it. "
-                    f"`{command.program} --help` lists them.",
-                    quick,
-                    check=partial(command.line, folder, out),
-                    title=command.title,
-                )
+                options_question(command, folder, self._runs.out(command, folder), quick)
             )
             if options is not None and command.would_replace(folder, options):
                 answer = await self.app.push_screen_wait(
@@ -472,9 +465,14 @@ class SessionsView(ModeView):
             return
         folder = typed_path(typed).absolute()
         self._settings.remember("sessions.import-folder", str(folder))
-        before = set(self._rows.keys)
+        before, out = set(self._rows.keys), self._listing.root
+        options = await self.app.push_screen_wait(
+            options_question(IMPORT, folder, out, "", "Numbered pictures need their --fps. ")
+        )
+        if options is None:
+            return
         with showing_errors(self):
-            run = self._runs.add(IMPORT, folder, out=self._listing.root)
+            run = self._runs.add(IMPORT, folder, options, out)
             while not run.state.is_over:  # noqa: ASYNC110 - it is followed as often anyway
                 await asyncio.sleep(FOLLOW_EVERY_S)
             # To wait for a worker would make an error of the screen's end.
@@ -587,6 +585,18 @@ def name_question(card: SessionCard) -> TextQuestion:
             raise BadInputError(f"{name} exists already", hint="choose another name")
 
     return TextQuestion("Renames its folder and its results, too.", card.name, check=check, title="Rename")
+
+
+def options_question(command: Command, folder: Path, out: Path, quick: str, note: str = "") -> TextQuestion:
+    """Return the dialog for a command's options, with its help on them; `quick` is the initial text."""
+    return TextQuestion(
+        f"$ {command.line(folder, out, 'OPTIONS')}\n\n{note}Its OPTIONS, or none: enter starts it, ↑ and ↓ "
+        "scroll their help.",
+        quick,
+        check=partial(command.line, folder, out),
+        title=command.title,
+        read_help=command.options_help,
+    )
 
 
 def import_question(folder: str) -> TextQuestion:

@@ -15,7 +15,8 @@ from textual.content import Content
 from capture_app.common.errors import BadInputError, SimulshotError
 from capture_app.common.names import check_name, free_name
 from capture_app.common.text import count, megabytes, printable
-from capture_app.session.exporting.exporter import load_exporters
+from capture_app.session.exporting.exporter import load_exporters, unmet_needs
+from capture_app.session.format.manifest import CALIBRATION
 from capture_app.session.library.changes import (
     TRASH,
     check_note,
@@ -441,12 +442,22 @@ class SessionsView(ModeView):
     @work
     async def _export(self, entry: Entry, name: str | None = None) -> None:
         """Ask for a format, unless it is given, and a folder, and export."""
-        rows = {name: (name, one.help) for name, one in load_exporters().items()}
+        calibrated = await asyncio.to_thread((entry.card.folder / CALIBRATION).is_file)
+        formats = load_exporters()
+        needs = {one: unmet_needs(exporter, calibrated=calibrated) for one, exporter in formats.items()}
+        rows = {
+            one: (one, f"needs {' and '.join(needs[one])}" if needs[one] else exporter.help)
+            for one, exporter in formats.items()
+        }
         before = self._settings.recall("sessions.export-format", "colmap")
         name = name or await self.app.push_screen_wait(
             ListQuestion(f"Export {entry.card.shown}", rows, before)
         )
         if name is None:
+            return
+        if unmet := needs.get(name):
+            remedies = (f"\n{what}: {remedy}" for what, remedy in unmet.items())
+            self.app.notify(f"An export to {name} needs{''.join(remedies)}", timeout=20, markup=False)
             return
         folder = self._settings.recall("sessions.export-folder", str(self._listing.root.parent))
         typed = await self.app.push_screen_wait(folder_question(entry.card, Path(folder), name))

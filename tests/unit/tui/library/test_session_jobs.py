@@ -8,11 +8,12 @@ import pytest
 from textual.containers import VerticalScroll
 from textual.widgets import Input, OptionList, Static
 
+from capture_app.session.exporting import exporter
 from capture_app.tui.jobs.run import COMMANDS, COVERAGE, IMPORT, STUDIES
 from capture_app.tui.library import sessions_view
-from capture_app.tui.question import Question
+from capture_app.tui.question import Question, TextQuestion
 from reconstruction.commands.calibrate import calibrate
-from tests.unit.tui.driving import settle, until
+from tests.unit.tui.driving import settle, toasts, until
 from tests.unit.tui.library.screen import choose, library, text, type_text
 
 NO_PATHS = ("~nobody-of-this-name/films", "x" * 300)
@@ -116,6 +117,34 @@ async def test_a_calibration_that_is_there_is_a_question(
         await pilot.press(key)
         await settle(pilot)
         assert [job.options.split()[-1:] for job in jobs(pilot)] == ([] if options is None else [options])
+
+
+async def test_all_that_an_export_needs_is_said_at_once_and_before_its_folder(
+    sessions: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(exporter, "is_here", lambda module: module != "av")
+    (sessions / "two" / "calibration.json").write_text("{}")
+    async with library(sessions, (80, 24)) as pilot:
+        for name, row in (("one", "needs packages and a calibration"), ("two", "needs packages")):
+            await choose(pilot, name)
+            await pilot.press("e")
+            await settle(pilot)
+            formats = pilot.app.screen.query_one(OptionList)
+            place = formats.get_option_index("pose2sim")
+            assert str(formats.get_option_at_index(place).prompt).endswith(f"  {row}")
+            formats.highlighted = place
+            await pilot.press("enter")
+            await settle(pilot)
+            assert not isinstance(pilot.app.screen, TextQuestion)
+            said = toasts(pilot.app)[-1]
+            assert said.startswith("An export to pose2sim needs\npackages: ")
+            assert ("\na calibration: reconstruct calibrate makes one" in said) == (name == "one")
+        await pilot.press("e")
+        await settle(pilot)
+        pilot.app.screen.query_one(OptionList).highlighted = formats.get_option_index("nerfstudio")
+        await pilot.press("enter")
+        await settle(pilot)
+        assert isinstance(pilot.app.screen, TextQuestion), "nothing is missing"
 
 
 def test_the_options_of_a_board_are_those_that_the_command_takes_by_itself() -> None:

@@ -150,8 +150,11 @@ class TextQuestion(BoxDialog[str | None]):
         Binding("down,pagedown", "scroll_help(6)", "Help below", show=False, id="question.help-below"),
     ]
     DEFAULT_CSS = """
+    TextQuestion VerticalScroll {
+        height: auto; max-height: 12; scrollbar-size-vertical: 1; display: none;
+    }
     TextQuestion.-helps > Vertical { width: 90%; max-width: 85; }
-    TextQuestion VerticalScroll { height: auto; max-height: 12; scrollbar-size-vertical: 1; }
+    TextQuestion.-helps VerticalScroll { display: block; }
     """
 
     def __init__(

@@ -224,12 +224,14 @@ def list_sessions(root: Path) -> list[SessionCard]:
 
 
 def disk_bytes(*folders: Path) -> int:
-    """Return the size of all files below these folders; of one that does not exist 0. Blocks on the disk."""
+    """Return the size of all files below these folders; of one that does not exist 0. Blocks on the disk.
+
+    Without the files of a folder that changes meanwhile.
+    """
     total = 0
     for at, _, names in chain.from_iterable(map(os.walk, folders)):
-        for name in names:
-            with suppress(OSError):
-                total += os.lstat(f"{at}/{name}").st_size
+        with suppress(OSError):
+            total += sum(os.lstat(f"{at}/{name}").st_size for name in names)
     return total
 
 

@@ -121,7 +121,10 @@ class SessionRows(RowList[Entry]):
         self._thumbs: dict[tuple[Path, ...], CellPicture | None] = {}
         self._requested: list[str] = []
         self.further: dict[Path, int] = {}
-        """Bytes beyond its images of each folder's session: its results, or all of an incomplete one."""
+        """Bytes beyond its images of each folder's session: its results, or all of an incomplete one.
+
+        Those of the trash are under its folder.
+        """
 
     def _draw_entry(self, entry: Entry, width: int, chosen: bool) -> Sequence[Content | Strip]:
         """Draw the thumbnail beside three lines."""
@@ -165,10 +168,11 @@ class SessionRows(RowList[Entry]):
 
     def _disk_space(self, card: SessionCard) -> Content:
         """Return the size of a session and of what was made from it."""
-        further = self.further.get(card.folder, 0)
-        results = f"results {megabytes(further)} + " if further and card.state == "complete" else ""
-        own = card.size_bytes if card.state == "complete" else further
-        return Content.styled(f"{results}{megabytes(own)}", "$foreground-muted")
+        further, whole = self.further.get(card.folder, 0), card.state == "complete"
+        results = f"results {megabytes(further)} + " if further and whole else ""
+        return Content.styled(
+            f"{results}{megabytes(card.size_bytes if whole else further)}", "$foreground-muted"
+        )
 
     def _thumb_line(self, entry: Entry, line: int, plain: Style) -> Strip:
         images = entry.card.first_images[:1]

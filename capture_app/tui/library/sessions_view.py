@@ -153,7 +153,6 @@ class SessionsView(ModeView):
         self._cards: list[SessionCard] | None = None
         """Sessions as last read; None before the first read or after a change of folder."""
         self._samples: list[SessionCard] = []
-        self._trash_bytes = 0
         self._target: Path | None = None
         """Session, or folder of sessions, to select once it is listed."""
         self._reading = asyncio.Lock()
@@ -243,18 +242,17 @@ class SessionsView(ModeView):
         """Measure results and the trash in a thread, as that takes seconds on a slow disk."""
         root, cards = self._listing.root, [*(self._cards or ()), *self._samples]
 
-        def measure() -> tuple[dict[Path, int], int]:
-            further = {
+        def measure() -> dict[Path, int]:
+            return {root / TRASH: disk_bytes(root / TRASH)} | {
                 card.folder: disk_bytes(
                     results_folder(card.folder, root), *[card.folder] * (card.state != "complete")
                 )
                 for card in cards
             }
-            return further, disk_bytes(root / TRASH)
 
         found = await asyncio.to_thread(measure)
-        if found != (self._rows.further, self._trash_bytes):
-            self._rows.further, self._trash_bytes = found
+        if found != self._rows.further:
+            self._rows.further = found
             self._show()
 
     @property
@@ -281,7 +279,8 @@ class SessionsView(ModeView):
         self._empty.show([Content(f"No session has “{printable(words)}”; esc shows all." if words else text)])
         here = sum(not entry.is_sample for entry in entries)
         samples = f" · {count(len(entries) - here, 'sample')}" if len(entries) > here else ""
-        trash = f" · trash {megabytes(self._trash_bytes)}" if self._trash_bytes else ""
+        in_trash = self._rows.further.get(self._listing.root / TRASH)
+        trash = f" · trash {megabytes(in_trash)}" if in_trash else ""
         self._name_frame(f"{count(here, 'session')}{samples}{trash}")
         self.on_row_list_chosen(SessionRows.Chosen())
 
@@ -560,9 +559,9 @@ class SessionsView(ModeView):
         """Delete the sessions in the trash for good, after a question."""
         root = self._listing.root
         sessions = count(len(await asyncio.to_thread(trashed_sessions, root)), "session")
+        size = megabytes(self._rows.further.get(root / TRASH, 0))
         question = Question(
-            f"The trash of {root} has {sessions}, {megabytes(self._trash_bytes)}. Nothing restores what is "
-            "deleted here.",
+            f"The trash of {root} has {sessions}, {size}. Nothing restores what is deleted here.",
             [Answer("keep", "k", "Keep the trash"), Answer("delete", "d", "Delete for good")],
             title="Empty the trash?",
         )

@@ -76,7 +76,6 @@ class ShootView(ModeView):
             tooltip="a video, a time lapse, or on motion",
         ),
         Binding("v", "switch", "Live/sheet", id="shoot.switch", tooltip="live pictures or contact sheet"),
-        Binding("w", "wiggle", "Wiggle", id="shoot.wiggle", tooltip="back and forth through the cameras"),
         Binding("d", "open_depth", "Depth", id="shoot.depth", tooltip="the newest take in 3D in the browser"),
         Binding(
             "D",
@@ -295,10 +294,6 @@ class ShootView(ModeView):
         finally:
             starting.stop()
             self.stage.show_depth(None)
-
-    def action_wiggle(self) -> None:
-        """Wiggle through the cameras at the selected instant of the last take."""
-        self.stage.sheet.action_look("wiggle")
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """Offer only actions available for the newest take."""

@@ -36,7 +36,7 @@ class ContactSheet(ScrollView, can_focus=True):
         Binding("enter", "look", "Open picture", id="sheet.open"),
         Binding("b", "look('cameras')", "Blink", id="take.blink", tooltip="alternate two cameras"),
         Binding(
-            "w", "look('wiggle')", "Wiggle", id="take.wiggle", tooltip="back and forth through the cameras"
+            "w", "look('wiggle')", "Wiggle", id="shoot.wiggle", tooltip="back and forth through the cameras"
         ),
         Binding("P", "look('play')", "Play", id="take.play", tooltip="all instants, one after the other"),
         Binding("plus,equals_sign", "zoom(1.3)", "Larger", id="sheet.larger", show=False, key_display="+"),

@@ -38,7 +38,14 @@ class ContactSheet(ScrollView, can_focus=True):
         Binding(
             "w", "look('wiggle')", "Wiggle", id="shoot.wiggle", tooltip="back and forth through the cameras"
         ),
-        Binding("P", "look('play')", "Play", id="take.play", tooltip="all instants, one after the other"),
+        Binding(
+            "P",
+            "look('play')",
+            "Play",
+            show=False,
+            id="take.play",
+            tooltip="all instants, one after the other",
+        ),
         Binding("plus,equals_sign", "zoom(1.3)", "Larger", id="sheet.larger", show=False, key_display="+"),
         Binding("minus", "zoom(0.77)", "Smaller", id="sheet.smaller", show=False, key_display="-"),
     ]

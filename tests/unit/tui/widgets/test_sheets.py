@@ -59,8 +59,9 @@ async def test_the_keys_of_a_picture_start_its_motion_from_the_sheet(key: str, m
         app.contact.focus()
         await pilot.press(key)
         await finish_work(pilot)
-        assert isinstance(app.screen, LookScreen)
-        assert app.screen.motion == motion
+        shown: Any = app.screen
+        assert isinstance(shown, LookScreen)
+        assert shown.motion == motion
 
 
 async def test_a_picture_that_is_being_read_says_so(monkeypatch: pytest.MonkeyPatch) -> None:

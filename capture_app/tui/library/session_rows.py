@@ -129,8 +129,8 @@ class SessionRows(RowList[Entry]):
     def _draw_entry(self, entry: Entry, width: int, chosen: bool) -> Sequence[Content | Strip]:
         """Draw the thumbnail beside three lines."""
         room = width - THUMB - 3
-        notes = Content.styled(" · ", "$foreground-muted").join(_notes(entry.card))
-        last = justified(notes, self._disk_space(entry.card), room)
+        notes = _notes(entry.card, self.further.get(entry.card.folder, 0))
+        last = Content.styled(" · ", "$foreground-muted").join(notes)
         lines, plain = [self._title(entry, room), self._facts(entry.card, room), last], self.rich_style
         style = "on $block-cursor-background" if chosen else ""
         mark = strip_of_line(self, Content.styled("▌" if chosen else " ", "$primary").stylize_before(style))
@@ -166,14 +166,6 @@ class SessionRows(RowList[Entry]):
         tags = fitting(map(run_tag, self._runs.of(card.folder)), "  ", room - time_difference.cell_length - 2)
         return justified(time_difference, Content("  ").join(tags), room)
 
-    def _disk_space(self, card: SessionCard) -> Content:
-        """Return the size of a session and of what was made from it."""
-        further, whole = self.further.get(card.folder, 0), card.state == "complete"
-        results = f"results {megabytes(further)} + " if further and whole else ""
-        return Content.styled(
-            f"{results}{megabytes(card.size_bytes if whole else further)}", "$foreground-muted"
-        )
-
     def _thumb_line(self, entry: Entry, line: int, plain: Style) -> Strip:
         images = entry.card.first_images[:1]
         thumb = self._thumbs.get(images)
@@ -199,8 +191,9 @@ class SessionRows(RowList[Entry]):
             self.show_again(key)
 
 
-def _notes(card: SessionCard) -> Iterator[Content]:
+def _notes(card: SessionCard, further: int) -> Iterator[Content]:
     if card.state != "complete":
+        yield Content.styled(megabytes(further), "$foreground-muted")
         yield Content.styled(f"→ {printable(card.remedy)}", "$foreground")
         return
     what = f"{count(len(card.cameras), 'camera')} × {count(card.instants, 'instant')}"
@@ -212,6 +205,9 @@ def _notes(card: SessionCard) -> Iterator[Content]:
         yield Content.styled(f"{state[0]} {count(card.missing, 'image')} {state[1]}", state[2])
     if card.late:
         yield Content.styled(f"! {card.late} late", "$warning")
+    # After the warnings, which its length must not cut.
+    results = f" + results {megabytes(further)}" if further else ""
+    yield Content.styled(megabytes(card.size_bytes) + results, "$foreground-muted")
     if card.note:
         yield Content(printable(card.note))
 

@@ -71,8 +71,8 @@ async def test_sizes_of_results_and_of_the_trash_are_shown_and_sorted_by(session
         await pilot.press(*["less_than_sign"] * ORDERS.index("largest first"))
         await settle(pilot)
         assert names(pilot) == ["three", "broken", "one", "two"]
-        assert "results 4.2 MB + 0.0 MB" in text(pilot.app)
-        assert text(pilot.app).splitlines()[5].endswith(" 3.1 MB"), "all of a take without a manifest"
+        assert "0.0 MB + results 4.2 " in text(pilot.app)
+        assert " 3.1 MB · → " in text(pilot.app).splitlines()[5], "all of a take without a manifest"
         await pilot.press("E")
         await until(pilot, lambda: isinstance(pilot.app.screen, Question))
         assert "1 session, 5.0 MB" in str(pilot.app.screen.query_one(".question", Static).content)

@@ -11,8 +11,7 @@ import msgspec
 from capture_app.commands.calibrate_time import calibrate_time
 from capture_app.commands.shared_options import ANY_PATH, leader_option
 from capture_app.common.address import Address
-from capture_app.common.camera_facts import Control, ControlValue, describe
-from capture_app.common.errors import BadInputError
+from capture_app.common.camera_facts import Control, ControlValue, describe, parse_settings
 from capture_app.common.plugins import CAMERA_COMMANDS, load_plugins
 from capture_app.common.templates import render_rows
 from capture_app.common.text import UNREADABLE, megabytes, pretty_json
@@ -23,7 +22,7 @@ from capture_app.session.files.durable import write_atomic
 from capture_app.session.files.untrusted_files import read_input, rejecting
 
 if TYPE_CHECKING:
-    from capture_app.protocol.status import NodeDetail
+    from capture_app.protocol.status import NodeDetail, RigStatus
     from capture_app.rig.rig_link import CamerasControls
 
 Profile = dict[str, dict[Control, ControlValue]]
@@ -39,9 +38,10 @@ NAMES = tuple(str(control) for control in Control)
 @json_option
 def controls(save: Path | None, leader: Address, as_json: bool) -> None:
     """Show exposure, gain, white balance and focus of all cameras of a rig."""
-    from capture_app.rig.rig_link import set_cameras
+    from capture_app.rig.rig_link import ask_status, set_cameras
 
-    states = asyncio.run(set_cameras(leader, {}))
+    rig = asyncio.run(ask_status(leader))
+    states = asyncio.run(set_cameras(leader, rig, {}))
     if save is not None:
         profile: Profile = {
             camera: {
@@ -52,7 +52,7 @@ def controls(save: Path | None, leader: Address, as_json: bool) -> None:
             for camera, state in states.items()
         }
         write_atomic(save, pretty_json(profile))
-    _answer(as_json, states, leader)
+    _answer(as_json, states, rig)
 
 
 @click.command(
@@ -82,17 +82,21 @@ def set_command(
     CONTROL is exposure (in µs), gain, white-balance (in K) or focus. VALUE is a number in the camera's unit,
     as shown by `cameras controls`; auto lets the camera choose; hold freezes the chosen value.
     """
-    from capture_app.rig.rig_link import set_cameras
+    from capture_app.rig.rig_link import ask_status, camera_named, set_cameras
 
+    chosen = {} if profile is None else _read_profile(profile)
+    settings = parse_settings(values)
+    rig = asyncio.run(ask_status(leader))
     if profile is None:
-        states = asyncio.run(set_cameras(leader, dict(_parse_setting(value) for value in values), cameras))
+        states = asyncio.run(set_cameras(leader, rig, settings, cameras))
     else:
-        names = [_name_of(leader, text) for text in cameras]
-        chosen = {name: value for name, value in _read_profile(profile).items() if not names or name in names}
+        names = [camera_named(rig, text) for text in cameras]
         states = {
-            name: asyncio.run(set_cameras(leader, value, [name]))[name] for name, value in chosen.items()
+            name: asyncio.run(set_cameras(leader, rig, value, [name]))[name]
+            for name, value in chosen.items()
+            if not names or name in names
         }
-    _answer(as_json, states, leader)
+    _answer(as_json, states, rig)
 
 
 @click.command(
@@ -106,9 +110,10 @@ def match(camera: str, leader: Address, as_json: bool) -> None:
 
     Values that a camera does not support are reported with the reason.
     """
-    from capture_app.rig.rig_link import match_cameras
+    from capture_app.rig.rig_link import ask_status, match_cameras
 
-    _answer(as_json, asyncio.run(match_cameras(leader, camera)), leader)
+    rig = asyncio.run(ask_status(leader))
+    _answer(as_json, asyncio.run(match_cameras(leader, rig, camera)), rig)
 
 
 def _read_profile(file: Path) -> Profile:
@@ -117,32 +122,11 @@ def _read_profile(file: Path) -> Profile:
         return msgspec.json.decode(read_input(file), type=Profile)
 
 
-def _parse_setting(text: str) -> tuple[Control, ControlValue]:
-    name, _, value = text.partition("=")
-    if name not in NAMES:
-        raise BadInputError(
-            f"no control {name!r}", hint=f"write CONTROL=VALUE, with one of {', '.join(NAMES)}"
-        )
-    if value in ("auto", "hold"):
-        return Control(name), "auto" if value == "auto" else "hold"
-    try:
-        number = float(value)
-        round(number)  # neither infinite nor NaN
-    except (ValueError, OverflowError):
-        raise BadInputError(
-            f"{name}={value} is not a number, auto or hold", hint="exposure=4000 is 4 ms"
-        ) from None
-    return Control(name), number
-
-
-def _answer(as_json: bool, found: "CamerasControls", leader: Address) -> None:
-    from capture_app.rig.rig_link import ask_status
-
-    titles = asyncio.run(ask_status(leader)).titles if found else {}
+def _answer(as_json: bool, found: "CamerasControls", rig: "RigStatus") -> None:
     answer(
         as_json,
         {"cameras": [{"camera": camera, "state": state} for camera, state in found.items()]},
-        _lines({titles.get(name, name): state for name, state in found.items()}),
+        _lines({rig.titles.get(name, name): state for name, state in found.items()}),
     )
 
 

@@ -1,12 +1,13 @@
 """Camera properties, capabilities and controls, as structs for drivers, messages and sessions."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from enum import StrEnum
 from typing import Annotated, Literal
 
-from msgspec import Meta, Struct, field
+from msgspec import Meta, Struct, ValidationError, convert, field
 
 from capture_app.common.bounds import Count, Pixels, Positive, Real, RowTimeNs, Sentence, Text
+from capture_app.common.errors import BadInputError
 from capture_app.common.names import Label
 from capture_app.common.text import count, duration
 
@@ -230,6 +231,24 @@ class Control(StrEnum):
 
 ControlValue = Real | Literal["auto", "hold"]
 """Value in the control's unit; auto: the camera chooses; hold: the automatic value is frozen."""
+
+
+def parse_settings(texts: Iterable[str]) -> dict[Control, ControlValue]:
+    """Return the values of controls written as CONTROL=VALUE. Raises BadInputError."""
+    settings: dict[Control, ControlValue] = {}
+    for text in texts:
+        name, _, value = text.partition("=")
+        if name not in tuple(Control):
+            raise BadInputError(
+                f"no control {name!r}", hint=f"write CONTROL=VALUE, with one of {', '.join(Control)}"
+            )
+        try:
+            settings[Control(name)] = convert(value, ControlValue, strict=False)
+        except ValidationError:
+            raise BadInputError(
+                f"{name}={value} is not a number, auto or hold", hint="exposure=4000 is 4 ms"
+            ) from None
+    return settings
 
 
 def steps_of(model: str) -> str:

@@ -46,11 +46,12 @@ def require_reconstruction(package: str, purpose: str) -> None:
     Raises:
         NotAvailableError: it is not installed, or has no package for this machine.
     """
-    if not _is_here(package):
+    if not is_here(package):
         raise _not_installed(package, RECONSTRUCTION, purpose)
 
 
-def _is_here(module: str) -> bool:
+def is_here(module: str) -> bool:
+    """Return whether a module is installed, without importing it."""
     try:
         return find_spec(module) is not None
     except (ModuleNotFoundError, ValueError):
@@ -86,7 +87,7 @@ def how_to_install(extra: str) -> str:
         if need.marker
         and need.marker.evaluate({**here, "extra": extra})
         and not need.marker.evaluate({**here, "extra": ""})
-        and not (need.name == _OPEN3D and _is_here("open3d"))
+        and not (need.name == _OPEN3D and is_here("open3d"))
     ]
     if not needed:
         return (

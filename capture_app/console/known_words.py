@@ -161,7 +161,7 @@ _ACTIONS = {
     "capture-app node fps": "fps frame-rate framerate rate hz",
     "capture-app sessions empty-trash": "disk space storage size free",
     "capture-app sessions look": "disk storage size",
-    "capture-app sessions sort": "two-takes compare-takes best rank order",
+    "capture-app sessions sort": "two-takes compare-takes best rank order size largest disk storage du",
     "capture-app sessions import": "sound audio timecode",
     "capture-app rig remove": "kill stop-camera",
 }

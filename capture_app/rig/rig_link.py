@@ -61,13 +61,12 @@ CamerasControls = dict[str, CameraControls]
 
 
 async def set_cameras(
-    leader: Address, values: Mapping[Control, ControlValue], cameras: Sequence[str] = ()
+    leader: Address, rig: RigStatus, values: Mapping[Control, ControlValue], cameras: Sequence[str] = ()
 ) -> CamerasControls:
     """Set the `values` controls of these cameras, or of all present ones; return the state of all controls.
 
     Raises BadInputError for a camera that is not here, NetworkError.
     """
-    rig = await ask_status(leader)
     here, cameras = present_cameras(rig), [camera_named(rig, text) for text in cameras]
     if unknown := sorted({*cameras} - {*here}):
         raise BadInputError(
@@ -79,16 +78,15 @@ async def set_cameras(
 
 
 async def match_cameras(
-    leader: Address, source: str, controls: Sequence[Control] = tuple(Control)
+    leader: Address, rig: RigStatus, source: str, controls: Sequence[Control] = tuple(Control)
 ) -> CamerasControls:
     """Hold the values that one camera has chosen, and set them on all others that can.
 
     Return the controls of each camera, that one first. A value applies only to cameras with the same unit, as
     gain steps differ between models. Raises BadInputError if the rig has no such camera, and NetworkError.
     """
-    rig = await ask_status(leader)
     source = camera_named(rig, source)
-    first = (await set_cameras(leader, dict.fromkeys(controls, "hold"), [source]))[source]
+    first = (await set_cameras(leader, rig, dict.fromkeys(controls, "hold"), [source]))[source]
     others = [name for name in present_cameras(rig) if name != source]
     rest = await asyncio.gather(*(_set_like(leader, name, first, controls) for name in others))
     return {
@@ -249,7 +247,11 @@ class RigLink:
 
     async def match_cameras(self, source: str) -> CamerasControls:
         """Hold exposure, gain, white balance and focus of one camera, and set them on all others that can."""
-        return await match_cameras(self.leader, source)
+        return await match_cameras(self.leader, await ask_status(self.leader), source)
+
+    async def set_camera(self, camera: str, values: Mapping[Control, ControlValue]) -> CamerasControls:
+        """Set controls of one camera, and return the state of all of them."""
+        return await set_cameras(self.leader, await ask_status(self.leader), values, [camera])
 
     async def _read(self, channel: Channel[Any], message: messages.FromLeader) -> AsyncIterator[Update]:
         match message:

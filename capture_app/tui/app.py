@@ -24,7 +24,7 @@ from capture_app.common.text import count, printable
 from capture_app.common.timeouts import SCREEN_STOP_TIMEOUT_S
 from capture_app.protocol.orders import EndBurst, StopRig
 from capture_app.protocol.status import BurstStatus, LogLine, RigStatus
-from capture_app.rig.process import AttachedRig
+from capture_app.rig.process import AttachedRig, list_rigs
 from capture_app.rig.rig_link import LinkLost, RigLink
 from capture_app.tui.jobs.jobs_view import JobsView
 from capture_app.tui.jobs.run import CAN_EXPORT, EXPORTS, MOMENT, STUDIES, Run, RunState
@@ -272,7 +272,9 @@ class SimulshotApp(App[None]):
         actions = [each.binding for each in self.screen.active_bindings.values()]
         names = {binding.key: self.get_key_display(binding) for binding in actions}
         folder = "" if self._settings.folder is None else str(self._settings.folder)
-        if await self.push_screen_wait(HelpScreen(actions, names, folder)):
+        here = list_rigs(port=self._source.leader.port) if self._local else ()
+        log = next((rig.log for rig in here if rig.log), "")
+        if await self.push_screen_wait(HelpScreen(actions, names, folder, log)):
             self._write_keys()
 
     def get_system_commands(self, screen: Screen[Any]) -> Iterable[SystemCommand]:
@@ -323,7 +325,7 @@ class SimulshotApp(App[None]):
             "capture-app cameras set",
             SystemCommand(
                 "Exposure, gain, white balance, focus",
-                "in Rig, enter shows a camera's; `capture-app cameras set` changes them",
+                "in Rig, enter opens a camera, and X sets it",
                 partial(self.action_switch_mode, "rig"),
             ),
         )
@@ -331,8 +333,8 @@ class SimulshotApp(App[None]):
             "capture-app node fps",
             SystemCommand(
                 "Frames a second",
-                "in a camera's spec, as in `capture-app node --camera v4l2:/dev/video0,fps=60`; of a "
-                "recording, `capture-app record --fps 10`",
+                "of a recording, the rate in Shoot; of a camera, in its spec, as in "
+                "`capture-app node --camera v4l2:/dev/video0,fps=60`",
                 partial(self.action_switch_mode, "rig"),
             ),
         )

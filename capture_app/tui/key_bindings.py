@@ -30,9 +30,9 @@ TERMS = {
     "drops": "frames that a camera did not deliver",
     "↔": "spread: time from the first to the last image of an instant",
     "late": "an image off its instant by more than the tolerance",
-    "exposure": "also gain: capture-app cameras set exposure=4000 gain=2",
+    "exposure": "also gain, white balance, focus: enter on a camera, then X",
     "calibrate": "capture-app coverage, a burst, then reconstruct calibrate",
-    "fps": "--fps where a take is started, or fps=60 in a camera's SPEC",
+    "fps": "the rate of a recording, or fps=60 in a camera's SPEC",
     "★": "best synchronized take, of those that lack no image",
 }
 """Words that a newcomer may not know, or look for in vain on the screen."""
@@ -81,16 +81,19 @@ class HelpScreen(BoxDialog[bool]):
         Binding("W", "dismiss(True)", "Write keys.toml", id="help.write"),
     ]
 
-    def __init__(self, actions: Sequence[Binding], key_names: dict[str, str], folder: str) -> None:
+    def __init__(self, actions: Sequence[Binding], key_names: dict[str, str], folder: str, log: str) -> None:
         """`actions`: bindings of the screen below; `key_names`: display names of keys.
 
-        `folder`: the folder of keys.toml; empty if settings are not stored.
+        `folder`: the folder of keys.toml; empty if settings are not stored. `log`: the rig's log file, if it
+        is on this machine.
         """
         rows = Lines(id="help-keys")
         rows.show(_rows(actions, key_names))
         words = ["esc closes; tab moves the focus; ctrl+p finds an action by a few letters."]
         if folder:
             words.append(f"W writes {KEYS_FILE} to {folder}; change keys there.")
+        if log:
+            words.append(f"The rig's log: {log}")
         super().__init__("keys", VerticalScroll(rows), Static(Content("\n".join(words)), id="help-foot"))
 
 

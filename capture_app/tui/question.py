@@ -1,12 +1,14 @@
 """Dialogs over the screen: their base classes, a choice between answers, and a line of text."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Awaitable, Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import ClassVar
 
-from textual import events
+from rich.cells import cell_len
+from textual import events, work
 from textual.binding import Binding, BindingType
-from textual.containers import Horizontal, Vertical
+from textual.containers import Horizontal, Vertical, VerticalScroll
 from textual.content import Content
 from textual.screen import ModalScreen
 from textual.widget import Widget
@@ -121,11 +123,19 @@ class ListQuestion(BoxDialog[str | None]):
             )
         )
         choices.highlighted = list(rows).index(chosen) if chosen in rows else 0
-        super().__init__(title, choices, subtitle="enter chooses · esc cancels")
+        super().__init__(title, choices)
+        self._explanations = {name: what for name, (_, what) in rows.items()}
 
     def action_choose(self) -> None:
         """Return the selected name."""
         self.query_one(OptionList).action_select()
+
+    def on_option_list_option_highlighted(self, event: OptionList.OptionHighlighted) -> None:
+        """Show the explanation of the selected row in the border if its row has no room for it."""
+        cut = cell_len(str(event.option.prompt)) > event.option_list.scrollable_content_region.width - 2
+        self.query_one(Vertical).border_subtitle = Content(
+            self._explanations[event.option_id or ""] if cut else "enter chooses · esc cancels"
+        )
 
     def on_option_list_option_selected(self, event: OptionList.OptionSelected) -> None:
         """Return the selected name."""
@@ -135,9 +145,33 @@ class ListQuestion(BoxDialog[str | None]):
 class TextQuestion(BoxDialog[str | None]):
     """Question with a line of text as answer; None after Escape."""
 
-    def __init__(self, text: str, value: str, *, check: Callable[[str], object], title: str = "") -> None:
-        """`check` raises SimulshotError for a text that is not valid."""
-        self._check = check
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("up,pageup", "scroll_help(-6)", "Help above", show=False, id="question.help-above"),
+        Binding("down,pagedown", "scroll_help(6)", "Help below", show=False, id="question.help-below"),
+    ]
+    DEFAULT_CSS = """
+    TextQuestion VerticalScroll {
+        height: auto; max-height: 12; scrollbar-size-vertical: 1; display: none;
+    }
+    TextQuestion.-helps > Vertical { width: 90%; max-width: 85; }
+    TextQuestion.-helps VerticalScroll { display: block; }
+    """
+
+    def __init__(
+        self,
+        text: str,
+        value: str,
+        *,
+        check: Callable[[str], object],
+        title: str = "",
+        read_help: Callable[[int], Awaitable[str]] | None = None,
+    ) -> None:
+        """`check` raises SimulshotError for a text that is not valid.
+
+        `read_help` returns help in lines of at most that many columns.
+        """
+        self._check, self._read_help = check, read_help
+        self._help = VerticalScroll(Static(), can_focus=False)
         self._wrong = Static("", classes="wrong")
         self._line, self._value = TextField(), value
         super().__init__(
@@ -145,6 +179,7 @@ class TextQuestion(BoxDialog[str | None]):
             Static(Content(printable(text)), classes="question"),
             self._line,
             self._wrong,
+            self._help,
             subtitle="enter accepts · esc cancels",
         )
 
@@ -152,6 +187,20 @@ class TextQuestion(BoxDialog[str | None]):
         """Show the initial text, selected, so that typing replaces it."""
         self._line.value = self._value
         self._line.action_select_all()
+        self.set_class(self._read_help is not None, "-helps")
+        self._show_help()
+
+    @work
+    async def _show_help(self) -> None:
+        """Show the help when a command has printed it."""
+        if self._read_help is not None:
+            with suppress(SimulshotError):
+                words = await self._read_help(min(85, self.app.size.width * 9 // 10) - 7)
+                self._help.query_one(Static).update(Content.styled(printable(words), "$foreground-muted"))
+
+    def action_scroll_help(self, lines: int) -> None:
+        """Scroll the help, while the focus stays in the line."""
+        self._help.scroll_relative(y=lines, animate=False)
 
     def on_input_changed(self, event: Input.Changed) -> None:
         """Show the error message of the present text."""

@@ -29,6 +29,11 @@ class Situation:
 
 STEPS: Sequence[tuple[str, str, Callable[[Situation], bool]]] = (
     (
+        "calibrate from a board that they were shown, with --dictionary none from a plain chessboard",
+        "reconstruct calibrate {folder} --from board --board COLUMNSxROWS --square-mm MM",
+        lambda its: its.cameras > 1 and not its.calibrated,
+    ),
+    (
         "calibrate from a file or another session of these cameras",
         "reconstruct calibrate {folder} --from PATH",
         lambda its: its.cameras == 2 and not its.calibrated,

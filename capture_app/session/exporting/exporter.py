@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args, get_type_hints
 
+from capture_app.common.optional_packages import how_to_install, is_here
 from capture_app.common.plugins import load_plugin, load_plugins
 
 GROUP = "simulshot.exporters"
@@ -76,6 +77,15 @@ def load_exporter(name: str) -> Exporter:
 def load_exporters() -> dict[str, Exporter]:
     """Import all exporters, by name; one that fails is reported on stderr and skipped."""
     return load_plugins(GROUP, *_STATED)
+
+
+def unmet_needs(exporter: Exporter, *, calibrated: bool) -> dict[str, str]:
+    """Return what an export needs that is not here, and how to get each; `calibrated`: the session is."""
+    extras = dict.fromkeys(extra for module, extra in exporter.packages.items() if not is_here(module))
+    needs = {"packages": "; ".join(map(how_to_install, extras))} if extras else {}
+    if exporter.calibration == "required" and not calibrated:
+        needs["a calibration"] = "reconstruct calibrate makes one"
+    return needs
 
 
 def own_options(exporter: Exporter) -> dict[str, tuple[type[Any], Option]]:

@@ -5,6 +5,7 @@ import os
 from collections.abc import Iterator
 from contextlib import suppress
 from datetime import UTC, datetime
+from itertools import chain
 from pathlib import Path
 from stat import S_ISDIR
 from typing import TYPE_CHECKING, Literal
@@ -221,6 +222,18 @@ def list_sessions(root: Path) -> list[SessionCard]:
     if not root.is_dir():
         raise BadInputError(f"no folder {root}", hint="sessions appear there once a burst is taken")
     return sorted(SessionListing(root).read(), key=lambda card: (card.created, card.name))
+
+
+def disk_bytes(*folders: Path) -> int:
+    """Return the size of all files below these folders; of one that does not exist 0. Blocks on the disk.
+
+    Without the files of a folder that changes meanwhile.
+    """
+    total = 0
+    for at, _, names in chain.from_iterable(map(os.walk, folders)):
+        with suppress(OSError):
+            total += sum(os.lstat(f"{at}/{name}").st_size for name in names)
+    return total
 
 
 def load_thumbnail(folder: Path, image: Path) -> "NDArray[np.uint8] | None":

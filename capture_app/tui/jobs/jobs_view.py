@@ -55,11 +55,11 @@ class JobsView(ModeView):
     """List of runs above the output of the selected one."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("enter", "open", "Results", id="jobs.open"),
-        Binding("o", "report", "Report", id="jobs.report"),
-        Binding("x", "cancel", "Cancel", id="jobs.cancel"),
-        Binding("r", "retry", "Again", id="jobs.retry", tooltip="run the job again"),
-        Binding("delete,backspace", "forget", "Remove", id="jobs.forget", key_display="del"),
+        Binding("enter", "on_run('open')", "Results", id="jobs.open"),
+        Binding("o", "on_run('report')", "Report", id="jobs.report"),
+        Binding("x", "on_run('cancel')", "Cancel", id="jobs.cancel"),
+        Binding("r", "on_run('retry')", "Again", id="jobs.retry", tooltip="run the job again"),
+        Binding("delete,backspace", "on_run('forget')", "Remove", id="jobs.forget", key_display="del"),
     ]
 
     def __init__(self, runs: Runs) -> None:
@@ -149,8 +149,8 @@ class JobsView(ModeView):
         """Show the selected run's output, or open its results."""
         self._show_log()
         self.refresh_bindings()
-        if message.opens:
-            self.action_open()
+        if message.opens and self.check_action("on_run", ("open",)):
+            self.action_on_run("open")
 
     # Actions
 
@@ -164,34 +164,23 @@ class JobsView(ModeView):
             "cancel": run is not None and not over and not run.is_foreign,
             "retry": over,
             "forget": over,
-        }.get(action, True)
+        }.get(str(*parameters), True)
 
     @work
-    async def action_open(self) -> None:
-        """Show the selected run's results."""
+    async def action_on_run(self, what: str) -> None:
+        """Do something with the selected run, for which it is offered."""
         run = self._rows.item
-        if run is not None and run.result is not None:
-            await show_result(self, run, self._runs.log(run))
-
-    def action_report(self) -> None:
-        """Open the selected run's report in the browser."""
-        if (run := self._rows.item) is not None:
-            open_report(self, run.report)
-
-    @work
-    async def action_cancel(self) -> None:
-        """Cancel the selected run."""
-        if (run := self._rows.item) is not None:
-            await self._runs.cancel(run)
-
-    def action_retry(self) -> None:
-        """Run the same command again."""
-        if (run := self._rows.item) is not None:
-            with showing_errors(self):
-                self._rows.choose(self._runs.add(run.command, run.session, run.options, run.out).key)
-
-    @work
-    async def action_forget(self) -> None:
-        """Remove the selected run from the list; its results stay."""
-        if (run := self._rows.item) is not None:
-            await self._runs.forget(run)
+        if run is None:
+            return
+        match what:
+            case "open":
+                await show_result(self, run, self._runs.log(run))
+            case "report":
+                open_report(self, run.report)
+            case "cancel":
+                await self._runs.cancel(run)
+            case "retry":
+                with showing_errors(self):
+                    self._rows.choose(self._runs.add(run.command, run.session, run.options, run.out).key)
+            case "forget":
+                await self._runs.forget(run)

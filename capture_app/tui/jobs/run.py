@@ -13,6 +13,7 @@ from typing import Annotated
 from msgspec import Meta, Struct
 from textual.content import Content
 
+from capture_app.common.child import Child
 from capture_app.common.errors import BadInputError
 from capture_app.common.plugins import COMMANDS as PLUGIN_COMMANDS
 from capture_app.common.plugins import SESSION_COMMANDS, plugin_names
@@ -82,6 +83,15 @@ class Command:
     def program(self) -> str:
         """What is typed to run it, without arguments."""
         return f"{_PROGRAMS.get(self.module, self.module)} {' '.join(self.words)}"
+
+    async def options_help(self, columns: int) -> str:
+        """Return what its --help says of its options and their defaults. Raises SimulshotError."""
+        arguments, variables = (self.module, *self.words, "--help"), {"COLUMNS": f"{columns + 2}"}
+        child = await Child.start(self.title, arguments, variables=variables)
+        try:
+            return (await child.output()).decode(errors="replace").partition("\nOptions:\n")[2]
+        finally:
+            await child.stop()
 
     def line(self, session: Path, out: Path | None, options: str) -> str:
         """Return the equivalent command line."""
@@ -158,8 +168,8 @@ _STUDIES = (
         writes=False,
         choices=(
             ("from the scene", "--from sfm"),
-            ("show a board to the cameras: live, which views are missing", COVERAGE),
-            ("from a board in the pictures", "--from board"),
+            ("live: which views of a board are missing", COVERAGE),
+            ("from a board in the pictures", "--from board --board 7x5 --square-mm 35"),
         ),
         replaces=CALIBRATION,
     ),

@@ -1,15 +1,14 @@
 """List of sessions with filter, order and three-line rows, and the pane of the selected session."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from functools import partial
 from pathlib import Path
-from typing import ClassVar, Literal, get_args
+from typing import Literal, get_args
 
 from rich.style import Style
 from textual import work
-from textual.binding import Binding, BindingType
 from textual.containers import Vertical
 from textual.content import Content
 from textual.geometry import Size
@@ -27,14 +26,13 @@ from capture_app.tui.signs import GRADES, Sign
 from capture_app.tui.widgets.cells import CellPicture
 from capture_app.tui.widgets.contact_sheet import ContactSheet
 from capture_app.tui.widgets.lines import Lines, fitting, justified, strip_of_line, write_border
-from capture_app.tui.widgets.look import Motion
 from capture_app.tui.widgets.picture import draw_for, strip_of_middle
 from capture_app.tui.widgets.row_list import RowList
 
 SAMPLES = "sample_sessions"
 
 
-Order = Literal["newest first", "best synchronized first", "by name"]
+Order = Literal["newest first", "best synchronized first", "by name", "largest first"]
 """Sort order of sessions."""
 ORDERS: tuple[Order, ...] = get_args(Order)
 ROWS = 3
@@ -66,16 +64,26 @@ class Entry:
 
 
 def arrange(
-    sessions: Sequence[SessionCard], samples: Sequence[SessionCard], order: Order, words: str = ""
+    sessions: Sequence[SessionCard],
+    samples: Sequence[SessionCard],
+    order: Order,
+    words: str,
+    further: Mapping[Path, int],
 ) -> list[Entry]:
-    """Return the sessions whose displayed text contains all words, sorted; samples come last."""
+    """Return the sessions whose displayed text contains all words, sorted; samples come last.
+
+    `further`: bytes of each folder's session beyond its images, such as results.
+    """
     found = [card for card in sessions if _matches(card, words)]
     best = best_synchronized(
         [card for card in found if not is_incomplete(card.missing, card.images + card.missing)]
     )
     return [
-        *(Entry(card, is_best=card is best) for card in _sort(found, order)),
-        *(Entry(card, is_sample=True) for card in _sort([c for c in samples if _matches(c, words)], order)),
+        *(Entry(card, is_best=card is best) for card in _sort(found, order, further)),
+        *(
+            Entry(card, is_sample=True)
+            for card in _sort([c for c in samples if _matches(c, words)], order, further)
+        ),
     ]
 
 
@@ -85,13 +93,15 @@ def find_samples(sessions: Path) -> Path | None:
     return next((one for one in places if one.is_dir() and one.resolve() != sessions.resolve()), None)
 
 
-def _sort(cards: Sequence[SessionCard], order: Order) -> list[SessionCard]:
+def _sort(cards: Sequence[SessionCard], order: Order, further: Mapping[Path, int]) -> list[SessionCard]:
     found = sorted(cards, key=lambda card: natural_order(card.name))
     if order == "best synchronized first":
         found.sort(key=lambda card: (card.worst_ns is None, card.missing > 0, card.worst_ns or 0))
     if order == "newest first":
         # A session being saved has no date yet and is the newest.
         found.sort(key=lambda card: (card.state == "being saved", card.created), reverse=True)
+    if order == "largest first":
+        found.sort(key=lambda card: -card.size_bytes - further.get(card.folder, 0))
     return found
 
 
@@ -110,12 +120,18 @@ class SessionRows(RowList[Entry]):
         self._runs = runs
         self._thumbs: dict[tuple[Path, ...], CellPicture | None] = {}
         self._requested: list[str] = []
+        self.further: dict[Path, int] = {}
+        """Bytes beyond its images of each folder's session: its results, or all of an incomplete one.
+
+        Those of the trash are under its folder.
+        """
 
     def _draw_entry(self, entry: Entry, width: int, chosen: bool) -> Sequence[Content | Strip]:
         """Draw the thumbnail beside three lines."""
         room = width - THUMB - 3
-        notes = Content.styled(" · ", "$foreground-muted").join(_notes(entry.card))
-        lines, plain = [self._title(entry, room), self._facts(entry.card, room), notes], self.rich_style
+        notes = _notes(entry.card, self.further.get(entry.card.folder, 0))
+        last = Content.styled(" · ", "$foreground-muted").join(notes)
+        lines, plain = [self._title(entry, room), self._facts(entry.card, room), last], self.rich_style
         style = "on $block-cursor-background" if chosen else ""
         mark = strip_of_line(self, Content.styled("▌" if chosen else " ", "$primary").stylize_before(style))
 
@@ -175,8 +191,9 @@ class SessionRows(RowList[Entry]):
             self.show_again(key)
 
 
-def _notes(card: SessionCard) -> Iterator[Content]:
+def _notes(card: SessionCard, further: int) -> Iterator[Content]:
     if card.state != "complete":
+        yield Content.styled(megabytes(further), "$foreground-muted")
         yield Content.styled(f"→ {printable(card.remedy)}", "$foreground")
         return
     what = f"{count(len(card.cameras), 'camera')} × {count(card.instants, 'instant')}"
@@ -188,6 +205,9 @@ def _notes(card: SessionCard) -> Iterator[Content]:
         yield Content.styled(f"{state[0]} {count(card.missing, 'image')} {state[1]}", state[2])
     if card.late:
         yield Content.styled(f"! {card.late} late", "$warning")
+    # After the warnings, which its length must not cut.
+    results = f" + results {megabytes(further)}" if further else ""
+    yield Content.styled(megabytes(card.size_bytes) + results, "$foreground-muted")
     if card.note:
         yield Content(printable(card.note))
 
@@ -233,13 +253,6 @@ def _when(created: str) -> str:
 class TakePane(Vertical):
     """Pane of a session; the caller loads the sheet."""
 
-    BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("b", "look('cameras')", "Blink", id="take.blink", tooltip="alternate two cameras"),
-        Binding(
-            "w", "look('wiggle')", "Wiggle", id="take.wiggle", tooltip="back and forth through the cameras"
-        ),
-    ]
-
     def __init__(self) -> None:
         self.entry: Entry | None = None
         """Session on display."""
@@ -256,10 +269,6 @@ class TakePane(Vertical):
         if sheet is not self.sheet.sheet:
             self.sheet.show(sheet)
         self._show_words()
-
-    def action_look(self, motion: Motion) -> None:
-        """Open the selected picture, in motion."""
-        self.sheet.action_look(motion)
 
     def _show_words(self) -> None:
         self._words.show(() if self.entry is None else self._lines(self.entry.card, self.sheet.sheet))

@@ -14,18 +14,21 @@ from textual.content import Content
 
 from capture_app.common.errors import BadInputError, SimulshotError
 from capture_app.common.names import check_name, free_name
-from capture_app.common.text import count, printable
-from capture_app.session.exporting.exporter import load_exporters
+from capture_app.common.text import count, megabytes, printable
+from capture_app.session.exporting.exporter import load_exporters, unmet_needs
+from capture_app.session.format.manifest import CALIBRATION
 from capture_app.session.library.changes import (
+    TRASH,
     check_note,
     empty_trash,
     rename_session,
     restore_session,
+    results_folder,
     set_note,
     trash_session,
     trashed_sessions,
 )
-from capture_app.session.library.listing import SessionCard, SessionListing
+from capture_app.session.library.listing import SessionCard, SessionListing, disk_bytes
 from capture_app.session.reading.take_sheet import TakeSheet
 from capture_app.tui.jobs.result_screen import open_report, show_result
 from capture_app.tui.jobs.run import (
@@ -116,7 +119,7 @@ class SessionsView(ModeView):
             "Sort",
             id="sessions.sort",
             key_display="<",
-            tooltip="takes against each other: by synchronization, name, time",
+            tooltip="takes against each other: by synchronization, name, time, size",
         ),
         Binding("slash", "filter", "Find", id="sessions.filter", key_display="/"),
         Binding(
@@ -166,6 +169,7 @@ class SessionsView(ModeView):
         """Read the folder at once."""
         super().on_mode_shown()
         self._look_again()
+        self._measure()
 
     def on_resize(self) -> None:
         """Show the selected session beside the list if there is space."""
@@ -181,6 +185,7 @@ class SessionsView(ModeView):
         if message.what is self._runs:
             self._rows.show_all_again()
             self.refresh_bindings()
+            self._measure()
 
     @property
     def entry(self) -> Entry | None:
@@ -230,6 +235,25 @@ class SessionsView(ModeView):
             if listing is self._listing and (cards != self._cards or self._target is not None):
                 self._cards = cards
                 self._show()
+                self._measure()
+
+    @work(exclusive=True, group="sizes")
+    async def _measure(self) -> None:
+        """Measure results and the trash in a thread, as that takes seconds on a slow disk."""
+        root, cards = self._listing.root, [*(self._cards or ()), *self._samples]
+
+        def measure() -> dict[Path, int]:
+            return {root / TRASH: disk_bytes(root / TRASH)} | {
+                card.folder: disk_bytes(
+                    results_folder(card.folder, root), *[card.folder] * (card.state != "complete")
+                )
+                for card in cards
+            }
+
+        found = await asyncio.to_thread(measure)
+        if found != self._rows.further:
+            self._rows.further = found
+            self._show()
 
     @property
     def _order(self) -> Order:
@@ -237,7 +261,7 @@ class SessionsView(ModeView):
 
     def _show(self) -> None:
         words = self._find.value if self._find.display else ""
-        entries = arrange(self._cards or [], self._samples, self._order, words)
+        entries = arrange(self._cards or [], self._samples, self._order, words, self._rows.further)
         nothing_chosen = not self._rows.chosen
         self._rows.show_items({entry.key: entry for entry in entries})
         if nothing_chosen:
@@ -255,7 +279,9 @@ class SessionsView(ModeView):
         self._empty.show([Content(f"No session has “{printable(words)}”; esc shows all." if words else text)])
         here = sum(not entry.is_sample for entry in entries)
         samples = f" · {count(len(entries) - here, 'sample')}" if len(entries) > here else ""
-        self._name_frame(f"{count(here, 'session')}{samples}")
+        in_trash = self._rows.further.get(self._listing.root / TRASH)
+        trash = f" · trash {megabytes(in_trash)}" if in_trash else ""
+        self._name_frame(f"{count(here, 'session')}{samples}{trash}")
         self.on_row_list_chosen(SessionRows.Chosen())
 
     on_input_changed = _show
@@ -303,29 +329,17 @@ class SessionsView(ModeView):
         entry, (what, *_) = self.entry, parameters
         if entry is None or what == "results":
             return entry is not None and self._latest_result(entry) is not None
-        is_complete = entry.card.state == "complete"
-        if entry.card.state == "being saved" or (what == "compare" and is_complete and not entry.card.images):
-            # The key explains why not, while a hidden key explains nothing.
-            return True
-        whole = is_complete or what in ("analyse", "trash")
-        may_change = not entry.is_sample or what not in ("rename", "note", "trash")
-        can_compare = len(entry.card.cameras) > 1 and entry.card.images > 1
-        return whole and may_change and (what != "compare" or can_compare)
+        # The key explains why not, while a hidden key explains nothing.
+        return bool(_why_not(entry, what)) or entry.card.state == "complete" or what in ("analyse", "trash")
 
     def action_on_session(self, what: str, *choice: str) -> None:
-        """Do something with the selected session; while it is being saved, say so instead.
+        """Do something with the selected session, or say why that does not work.
 
         `choice`: the command or format, which is asked for otherwise.
         """
         entry = self.entry
-        if entry is not None and entry.card.state == "being saved":
-            words = f"{printable(entry.card.shown)} is being saved: try again when that is done"
-            self.app.notify(words, markup=False)
-        elif entry is not None and what == "compare" and not entry.card.images:
-            self.app.notify(f"{printable(entry.card.shown)} has no images: nothing to compare", markup=False)
-        elif entry is not None and what == "compare" and entry.card.instants == 1:
-            words = f"{printable(entry.card.shown)} has one instant: no frame can be offset. Take 5 or more"
-            self.app.notify(words, markup=False)
+        if entry is not None and (why := _why_not(entry, what)):
+            self.app.notify(f"{printable(entry.card.shown)} {why}", markup=False)
         elif entry is not None and what in COMMANDS:
             self._start(COMMANDS[what], entry)
         elif entry is not None:
@@ -402,15 +416,8 @@ class SessionsView(ModeView):
                 if chosen in (None, COVERAGE):
                     return
                 quick = chosen
-            out = self._runs.out(command, folder)
             options = await self.app.push_screen_wait(
-                TextQuestion(
-                    f"$ {command.line(folder, out, 'OPTIONS')}\n\nIts OPTIONS, or none; enter starts it. "
-                    f"`{command.program} --help` lists them.",
-                    quick,
-                    check=partial(command.line, folder, out),
-                    title=command.title,
-                )
+                options_question(command, folder, self._runs.out(command, folder), quick)
             )
             if options is not None and command.would_replace(folder, options):
                 answer = await self.app.push_screen_wait(
@@ -434,12 +441,22 @@ class SessionsView(ModeView):
     @work
     async def _export(self, entry: Entry, name: str | None = None) -> None:
         """Ask for a format, unless it is given, and a folder, and export."""
-        rows = {name: (name, one.help) for name, one in load_exporters().items()}
+        calibrated = await asyncio.to_thread((entry.card.folder / CALIBRATION).is_file)
+        formats = load_exporters()
+        needs = {one: unmet_needs(exporter, calibrated=calibrated) for one, exporter in formats.items()}
+        rows = {
+            one: (one, f"needs {' and '.join(needs[one])}" if needs[one] else exporter.help)
+            for one, exporter in formats.items()
+        }
         before = self._settings.recall("sessions.export-format", "colmap")
         name = name or await self.app.push_screen_wait(
             ListQuestion(f"Export {entry.card.shown}", rows, before)
         )
         if name is None:
+            return
+        if unmet := needs.get(name):
+            remedies = (f"\n{what}: {remedy}" for what, remedy in unmet.items())
+            self.app.notify(f"An export to {name} needs{''.join(remedies)}", timeout=20, markup=False)
             return
         folder = self._settings.recall("sessions.export-folder", str(self._listing.root.parent))
         typed = await self.app.push_screen_wait(folder_question(entry.card, Path(folder), name))
@@ -458,9 +475,14 @@ class SessionsView(ModeView):
             return
         folder = typed_path(typed).absolute()
         self._settings.remember("sessions.import-folder", str(folder))
-        before = set(self._rows.keys)
+        before, out = set(self._rows.keys), self._listing.root
+        options = await self.app.push_screen_wait(
+            options_question(IMPORT, folder, out, "", "Numbered pictures need their --fps. ")
+        )
+        if options is None:
+            return
         with showing_errors(self):
-            run = self._runs.add(IMPORT, folder, out=self._listing.root)
+            run = self._runs.add(IMPORT, folder, options, out)
             while not run.state.is_over:  # noqa: ASYNC110 - it is followed as often anyway
                 await asyncio.sleep(FOLLOW_EVERY_S)
             # To wait for a worker would make an error of the screen's end.
@@ -537,8 +559,9 @@ class SessionsView(ModeView):
         """Delete the sessions in the trash for good, after a question."""
         root = self._listing.root
         sessions = count(len(await asyncio.to_thread(trashed_sessions, root)), "session")
+        size = megabytes(self._rows.further.get(root / TRASH, 0))
         question = Question(
-            f"The trash of {root} has {sessions}. Nothing restores what is deleted here.",
+            f"The trash of {root} has {sessions}, {size}. Nothing restores what is deleted here.",
             [Answer("keep", "k", "Keep the trash"), Answer("delete", "d", "Delete for good")],
             title="Empty the trash?",
         )
@@ -547,6 +570,20 @@ class SessionsView(ModeView):
                 deleted = await asyncio.to_thread(empty_trash, root)
                 self.app.notify(f"{count(deleted, 'session')} deleted")
             await self._runs.read()
+
+
+def _why_not(entry: Entry, what: object) -> str:
+    """Return why an action does not work for a session that has its key; empty if it works."""
+    card = entry.card
+    if card.state == "being saved":
+        return "is being saved: try again when that is done"
+    if entry.is_sample and what in ("rename", "note", "trash"):
+        return "is a sample that comes with simulshot, and stays as it is"
+    if what != "compare" or card.state != "complete":
+        return ""
+    if not card.images or len(card.cameras) < 2:
+        return f"has {'one camera' if card.images else 'no images'}: nothing to compare"
+    return "has one instant: no frame can be offset. Take 5 or more" if card.instants == 1 else ""
 
 
 def name_question(card: SessionCard) -> TextQuestion:
@@ -558,6 +595,18 @@ def name_question(card: SessionCard) -> TextQuestion:
             raise BadInputError(f"{name} exists already", hint="choose another name")
 
     return TextQuestion("Renames its folder and its results, too.", card.name, check=check, title="Rename")
+
+
+def options_question(command: Command, folder: Path, out: Path, quick: str, note: str = "") -> TextQuestion:
+    """Return the dialog for a command's options, with its help on them; `quick` is the initial text."""
+    return TextQuestion(
+        f"$ {command.line(folder, out, 'OPTIONS')}\n\n{note}Its OPTIONS, or none: enter starts it, ↑ and ↓ "
+        "scroll their help.",
+        quick,
+        check=partial(command.line, folder, out),
+        title=command.title,
+        read_help=command.options_help,
+    )
 
 
 def import_question(folder: str) -> TextQuestion:

@@ -8,13 +8,14 @@ from textual.binding import Binding, BindingType
 from textual.containers import Container, Vertical
 from textual.content import Content
 
-from capture_app.common.camera_facts import Control, describe, describe_stamp
+from capture_app.common.camera_facts import Control, describe, describe_stamp, parse_settings
 from capture_app.common.errors import SimulshotError
 from capture_app.common.node_state import WITHOUT_CAMERA
 from capture_app.common.text import NO_VALUE, clock_offset, count, duration, printable
 from capture_app.protocol.orders import DetailRequest
 from capture_app.protocol.status import NodeDetail, NodeStatus, Preview
-from capture_app.rig.rig_link import RigLink
+from capture_app.rig.rig_link import CamerasControls, RigLink
+from capture_app.tui.question import TextQuestion
 from capture_app.tui.rig_record import RecordChanged, RigRecord, showing_errors
 from capture_app.tui.signs import SIGNS
 from capture_app.tui.widgets.dialog import Dialog
@@ -42,6 +43,13 @@ class CameraScreen(Dialog[None]):
         Binding("escape,backspace,enter", "leave", "Back", key_display="esc", id="camera.back"),
         Binding("left,up,k", "move(-1)", "Previous", id="camera.previous"),
         Binding("right,down,j", "move(1)", "Next", id="camera.next"),
+        Binding(
+            "X",
+            "set",
+            "Exposure",
+            id="camera.set",
+            tooltip="sets exposure, gain, white balance, focus",
+        ),
         Binding(
             "C",
             "match",
@@ -113,21 +121,42 @@ class CameraScreen(Dialog[None]):
         """Copy this camera's exposure, gain, white balance and focus to all others; show what failed."""
         with showing_errors(self):
             found = await self._source.match_cameras(self._camera)
-            problems = [
-                f"\n{self._record.title(name)}: {why}"
-                for name, state in found.items()
-                for why in dict.fromkeys(state.problems.values())
-            ]
-            words = (
-                f"{count(len(found), 'camera')} set like {self._record.title(self._camera)}"
-                f"{', except:' if problems else ''}"
-            )
-            self.notify(
-                printable("".join([words, *problems])),
-                severity="warning" if problems else "information",
-                markup=False,
-                timeout=20,
-            )
+            self._report(found, f"{count(len(found), 'camera')} set like {self._record.title(self._camera)}")
+
+    @work(exclusive=True, group="match")
+    async def action_set(self) -> None:
+        """Ask for this camera's exposure, gain, white balance and focus, and set them; show what failed."""
+        camera, can = self._camera, [state for state in self._detail.controls if state.can_be_set]
+        ranges = [f"{one.control}: {describe(one)}; {one.minimum:g} to {one.maximum:g}" for one in can]
+        now = (
+            f"{one.control}={'auto' if one.automatic else f'{one.value:g}'}"
+            for one in can
+            if one.automatic or one.value is not None
+        )
+        question = TextQuestion(
+            "\n".join([*(ranges or ["Its driver offers no control."]), "", "CONTROL=VALUE, auto or hold."]),
+            " ".join(now),
+            check=lambda text: parse_settings(text.split()),
+            title=f"Set {self._record.title(camera)}",
+        )
+        if text := await self.app.push_screen_wait(question):
+            with showing_errors(self):
+                found = await self._source.set_camera(camera, parse_settings(text.split()))
+                self._report(found, f"{self._record.title(camera)} is set; C sets all like it")
+
+    def _report(self, found: CamerasControls, words: str) -> None:
+        """Say what was set, and each reason why something was not."""
+        problems = [
+            f"\n{self._record.title(name)}: {why}"
+            for name, state in found.items()
+            for why in dict.fromkeys(state.problems.values())
+        ]
+        self.notify(
+            printable("".join([words, ", except:" * bool(problems), *problems])),
+            severity="warning" if problems else "information",
+            markup=False,
+            timeout=20,
+        )
 
     @work(exclusive=True, group="detail")
     async def _ask(self) -> None:

@@ -77,11 +77,13 @@ class RigView(ModeView):
             id="rig.panel",
             tooltip="check the timing by a clock on a screen",
         ),
-        Binding("h", "phones", "Phones", id="rig.phones", tooltip="phones as cameras, by a QR code"),
+        Binding("h", "join('phones')", "Phones", id="rig.phones", tooltip="phones as cameras, by a QR code"),
         Binding(
             "g", "guide('monitor')", "Monitor", id="rig.monitor", tooltip="cameras and button on a phone"
         ),
-        Binding("i", "invite", "Invite", show=False, id="rig.invite", tooltip="a code for another machine"),
+        Binding(
+            "i", "join('invite')", "Invite", show=False, id="rig.invite", tooltip="a code for another machine"
+        ),
         Binding(
             "K",
             "coverage",
@@ -225,11 +227,11 @@ class RigView(ModeView):
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """Return whether an action is available, given the companions, the visible panel and the focus."""
-        name = str(*parameters) if action == "guide" else action
+        name = str(*parameters) if action in ("guide", "join") else action
         if (group := _OF_COMPANIONS.get(name)) and name not in plugin_names(group):
             return False
         return {
-            **dict.fromkeys(("add", "log", "guide", "phones", "invite", "stagger"), self._cameras.display),
+            **dict.fromkeys(("add", "log", "guide", "join", "stagger"), self._cameras.display),
             "remove": self._cameras.rows.has_focus,
             "back": self._adding is not None or self._event_log.has_focus,
         }.get(action, True)
@@ -308,13 +310,9 @@ class RigView(ModeView):
                 guide = self._guides[name] = plugin(self._source, is_local=self._local, run=run)
             self.app.push_screen(GuideScreen(name, guide.TITLE, guide.WIDTH, guide.show))
 
-    def action_phones(self) -> None:
-        """Show how phones become cameras."""
-        self._start.action_phones()
-
-    def action_invite(self) -> None:
-        """Show how another machine joins the rig."""
-        self._start.action_invite()
+    def action_join(self, how: str) -> None:
+        """Show how `phones` become cameras, or, for `invite`, how another machine joins the rig."""
+        getattr(self._start, f"action_{how}")()
 
     @work(group="orders")
     async def action_remove(self) -> None:

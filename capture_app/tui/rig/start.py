@@ -21,6 +21,8 @@ from capture_app.common.plugins import COMMANDS, plugin_names
 from capture_app.common.text import count, printable
 from capture_app.machine.cameras import list_cameras
 from capture_app.protocol.orders import (
+    FLAT_SCENES,
+    MAX_NODES,
     VIEWS,
     AddCamera,
     AddSimulated,
@@ -179,7 +181,8 @@ class StartPanel(Vertical):
             "s",
             f"Try {count(self._cameras, 'simulated camera')}",
             f"Each camera is a process whose clock is hours off. They see the scene “{self.scene}”. "
-            f"+ and - change their number, up to its {len(VIEWS[self.scene])} views, N the scene.",
+            f"+ and - change their number, up to its {len(VIEWS[self.scene])} views, N the scene"
+            + (f" (“{FLAT_SCENES[0]}” has {MAX_NODES})." if self.scene not in FLAT_SCENES else "."),
             self.action_simulate,
         )
         if self._saved_count:
@@ -232,7 +235,8 @@ class StartPanel(Vertical):
             said.insert(0, f"The port differs from the default, {DEFAULT_PORT}.")
         line = f"  {joining_line(self._leader) if self._leader else '…'}"
         muted = (Content.styled(each, "$foreground-muted") for each in said)
-        self._line.show([*muted, Content.styled(line, "bold $secondary")])
+        rows = Content.styled(line, "bold $secondary").wrap(self._line.size.width or width)
+        self._line.show([*muted, *rows])
 
     on_option_list_option_highlighted = _explain
 
@@ -282,7 +286,11 @@ class StartPanel(Vertical):
         )
 
     def action_more(self, step: int) -> None:
-        """Change the number of simulated cameras."""
+        """Change the number of simulated cameras, or say which scene has views for more."""
+        if step > 0 and self._cameras == len(VIEWS[self.scene]):
+            self.app.notify(
+                f"“{self.scene}” has no more views; N: the scene. “{FLAT_SCENES[0]}” has {MAX_NODES}"
+            )
         self._settings.remember(CAMERAS, min(max(self._cameras + step, 1), len(VIEWS[self.scene])))
         self._offer("simulated")
 

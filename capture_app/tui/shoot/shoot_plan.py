@@ -11,7 +11,7 @@ from textual.content import Content
 from capture_app.common.camera_facts import SIMULATED
 from capture_app.common.names import check_name, is_name
 from capture_app.common.take_limits import LIMITS
-from capture_app.common.text import duration, printable
+from capture_app.common.text import count, duration, printable
 from capture_app.protocol.orders import FLAT_SCENES
 from capture_app.protocol.status import RigStatus
 from capture_app.rig.motion_watch import WHOLE, Region
@@ -27,6 +27,8 @@ MAX_BEFORE = 60
 MAX_FRAMES = int(LIMITS["frames"][1])
 LENGTHS_S = (0.0, 5.0, 10.0, 20.0, 30.0, 60.0, 120.0, 300.0, 600.0, 1800.0, 3600.0)
 """Durations of a recording; 0: until it is stopped."""
+NTHS = (1, 2, 3, 5, 10, 15, 30, 60, 150, 300, 900, 1800)
+"""Choices of which frames a recording saves: each nth."""
 MAX_RENDERED = 1500
 """Maximum frames that a recording leaves simulated cameras to render."""
 REGIONS: dict[str, Region] = {
@@ -83,6 +85,8 @@ class TakeSettings:
     """Number of takes in a series."""
     seconds: float = 0.0
     """Duration of a recording; 0: until it is stopped."""
+    nth: int = 1
+    """A recording saves each nth frame."""
     name: str = ""
     note: str = ""
 
@@ -90,6 +94,7 @@ class TakeSettings:
         """Clamp the numbers to their limits."""
         frames = min(max(self.frames, 1), MAX_FRAMES)
         object.__setattr__(self, "frames", frames)
+        object.__setattr__(self, "nth", max(self.nth, 1))
         object.__setattr__(self, "before", min(max(self.before, 0), MAX_BEFORE, frames))
 
     @classmethod
@@ -125,12 +130,16 @@ class TakeSettings:
         """Return the settings with this many frames after the key press, and unchanged frames before it."""
         return replace(self, frames=max(self.before + max(after, 0), 1))
 
-    def plan(self, max_s: float | None = None) -> TakePlan:
-        """Return the plan of a take with these settings; a recording lasts at most `max_s` seconds."""
+    def plan(self, max_s: float | None = None, period_ns: int | None = None) -> TakePlan:
+        """Return the plan of a take with these settings; `period_ns` is the rig's.
+
+        A recording of all frames lasts at most `max_s` seconds.
+        """
         pictures: dict[str, Any] = {"frames": self.frames, "before": self.before}
         video: dict[str, Any] = {
             "video": True,
-            "seconds": min(filter(None, (self.seconds, max_s)), default=None),
+            "seconds": min(filter(None, (self.seconds, (max_s or 0.0) * self.nth)), default=None),
+            "interval_s": self.nth * period_ns * 1e-9 if period_ns and self.nth > 1 else None,
         }
         return TakePlan(
             name=self.name,
@@ -200,6 +209,12 @@ ROWS = (
         "length",
         lambda p, _: f"{p.seconds:g} s" if p.seconds else "until Space",
         lambda p, by: replace(p, seconds=stepped(LENGTHS_S, p.seconds, by)),
+        ("recording",),
+    ),
+    _Row(
+        "rate",
+        lambda p, ns: f"{1e9 / ns / p.nth:.3g} fps" if ns else f"1 of {count(p.nth, 'frame')}",
+        lambda p, by: replace(p, nth=int(stepped(NTHS, p.nth, -by))),
         ("recording",),
     ),
     _Row(
@@ -280,9 +295,14 @@ class PlanPanel(Lines, can_focus=True):
         return (
             ""
             if self.settings.mode != "recording" or self.max_s is None
-            else f"A recording of simulated cameras ends after {self.max_s:.0f} s: rendering its"
-            f" {MAX_RENDERED} frames takes minutes. Fewer cameras record longer; the scene bars has no limit."
+            else f"A recording of simulated cameras ends after {self.max_s * self.settings.nth:.0f} s:"
+            f" rendering its {MAX_RENDERED} frames takes minutes. Fewer cameras record longer; the scene"
+            " bars has no limit."
         )
+
+    def plan(self) -> TakePlan:
+        """Return the plan of the next take."""
+        return self.settings.plan(self.max_s, self._period_ns)
 
     def change(self, settings: TakeSettings) -> None:
         """Use these settings from now on, and store them."""

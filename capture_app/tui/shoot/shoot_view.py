@@ -77,7 +77,6 @@ class ShootView(ModeView):
             tooltip="a video, a time lapse, or on motion",
         ),
         Binding("v", "switch", "Live/sheet", id="shoot.switch", tooltip="live pictures or contact sheet"),
-        Binding("w", "wiggle", "Wiggle", id="shoot.wiggle", tooltip="back and forth through the cameras"),
         Binding("d", "open_depth", "Depth", id="shoot.depth", tooltip="the newest take in 3D in the browser"),
         Binding(
             "D",
@@ -207,7 +206,7 @@ class ShootView(ModeView):
             recording.ended_s = self._record.clock()
             self._show_course()
         else:
-            self._shoot(self.plan_panel.settings.plan(self.plan_panel.max_s))
+            self._shoot(self.plan_panel.plan())
 
     @property
     def _recording(self) -> Take | None:
@@ -240,7 +239,7 @@ class ShootView(ModeView):
     async def action_retake(self) -> None:
         """Repeat the last take, after asking whether to keep or trash it."""
         last = next((take for take in reversed(self.takes) if take.plan is not None), None)
-        plan = (last and last.plan) or self.plan_panel.settings.plan(self.plan_panel.max_s)
+        plan = (last and last.plan) or self.plan_panel.plan()
         if self._taking.is_open:
             return
         if last is None or last.sheet is None or last.trashed:
@@ -316,10 +315,6 @@ class ShootView(ModeView):
             starting.stop()
             self.stage.show_found(None)
 
-    def action_wiggle(self) -> None:
-        """Wiggle through the cameras at the selected instant of the last take."""
-        self.stage.sheet.action_look("wiggle")
-
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """Offer only actions available for the newest take."""
         return {
@@ -393,6 +388,8 @@ class ShootView(ModeView):
                 self._end_course(keys + reason)
             case Begun():
                 self._end_course(f"◉ {of} is being taken")
+                if plan.video:  # not the sheet of the take before
+                    self.stage.show_live()
             case Progress(status=status):
                 self._course = self._course if self._taking.is_open else ""
                 self._note(status, plan, retake_of)

@@ -34,6 +34,18 @@ class ContactSheet(ScrollView, can_focus=True):
         Binding("pageup", "move(0,-4)", "Four instants before", id="sheet.page-up", show=False),
         Binding("pagedown", "move(0,4)", "Four instants after", id="sheet.page-down", show=False),
         Binding("enter", "look", "Open picture", id="sheet.open"),
+        Binding("b", "look('cameras')", "Blink", id="take.blink", tooltip="alternate two cameras"),
+        Binding(
+            "w", "look('wiggle')", "Wiggle", id="shoot.wiggle", tooltip="back and forth through the cameras"
+        ),
+        Binding(
+            "P",
+            "look('play')",
+            "Play",
+            show=False,
+            id="take.play",
+            tooltip="all instants, one after the other",
+        ),
         Binding("plus,equals_sign", "zoom(1.3)", "Larger", id="sheet.larger", show=False, key_display="+"),
         Binding("minus", "zoom(0.77)", "Smaller", id="sheet.smaller", show=False, key_display="-"),
     ]

@@ -3,7 +3,14 @@
 import pytest
 from msgspec import structs
 
-from capture_app.common.camera_facts import CameraFacts, StampAccuracy, StampSource, TimestampSource
+from capture_app.common.camera_facts import (
+    CameraFacts,
+    StampAccuracy,
+    StampSource,
+    TimestampSource,
+    parse_settings,
+)
+from capture_app.common.errors import BadInputError
 from tests.facts import make_facts
 
 MS = 1_000_000
@@ -65,3 +72,16 @@ def test_a_real_camera_of_which_nothing_is_said_is_assumed_to_be_off_by_tens_of_
 
 def test_a_simulated_camera_is_what_it_says() -> None:
     assert facts(START).stamp_accuracy.is_exact
+
+
+def test_controls_are_written_as_name_and_value() -> None:
+    assert parse_settings(["exposure=4e3", "gain=auto", "white-balance=hold"]) == {
+        "exposure": 4000.0,
+        "gain": "auto",
+        "white-balance": "hold",
+    }
+    for text in ("exposure", "exposure=", "gain=inf", "gain=nan", "focus=near"):
+        with pytest.raises(BadInputError, match="is not a number, auto or hold"):
+            parse_settings([text])
+    with pytest.raises(BadInputError, match="with one of exposure, gain, white-balance, focus"):
+        parse_settings(["iso=100"])

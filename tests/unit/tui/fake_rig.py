@@ -1,7 +1,7 @@
 """A rig for tests of the screen: it is as the test says, and keeps what was asked of it."""
 
 import asyncio
-from collections.abc import AsyncGenerator, AsyncIterator, Awaitable, Callable
+from collections.abc import AsyncGenerator, AsyncIterator, Awaitable, Callable, Mapping
 from copy import copy
 from typing import Any
 
@@ -11,7 +11,7 @@ import numpy as np
 
 from capture_app.common.address import Address
 from capture_app.common.bounds import Message
-from capture_app.common.camera_facts import PhaseControl
+from capture_app.common.camera_facts import Control, ControlValue, PhaseControl
 from capture_app.common.errors import NoCameraHereError, SimulshotError
 from capture_app.common.node_state import NodeState
 from capture_app.protocol import orders
@@ -261,6 +261,10 @@ class FakeRig(RigLink):
 
     async def match_cameras(self, source: str) -> CamerasControls:
         self._ask("match_cameras", source)
+        return self.matched
+
+    async def set_camera(self, camera: str, values: Mapping[Control, ControlValue]) -> CamerasControls:
+        self._ask("set_camera", camera, values)
         return self.matched
 
     def _ask(self, *order: object) -> None:

@@ -109,6 +109,19 @@ async def test_a_list_of_choices_marks_its_row_without_colours(monkeypatch: pyte
         assert marked == [{False}, {True}]
 
 
+async def test_an_explanation_that_its_row_cuts_stands_in_the_border() -> None:
+    long = "all that can be said about the second of these choices"
+    app = make_app(FakeRig(5))
+    async with running(app, 60, 20) as pilot:
+        app.push_screen(ListQuestion("choose", {"a": ("one", "first"), "b": ("two", long)}))
+        await settle(pilot)
+        box = app.screen.query_one("ListQuestion > Vertical")
+        assert str(box.border_subtitle) == "enter chooses · esc cancels"
+        await pilot.press("down")
+        await settle(pilot)
+        assert str(box.border_subtitle) == long
+
+
 async def test_letters_do_not_overtake_the_key_before_them() -> None:
     """A paste by a terminal that knows none, or a slow connection, brings all keys at once."""
     question = TextQuestion("a folder", "/home/ada", check=lambda _: None, title="Import")

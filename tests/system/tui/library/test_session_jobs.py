@@ -170,6 +170,8 @@ async def test_a_folder_of_videos_is_imported_by_a_key(sessions: Path, tmp_path:
         await type_text(pilot, str(films))
         pilot.app.runs.hold(True)
         await pilot.press("enter")
+        await settle(pilot)
+        await pilot.press("enter")
         await until(pilot, lambda: jobs(pilot))
         frame = view(pilot.app).query_one("#sessions-frame")
         await until(pilot, lambda: "Import of walk" in str(frame.border_subtitle))
@@ -188,6 +190,8 @@ async def test_the_screen_may_end_while_an_imported_session_is_read(sessions: Pa
         await pilot.press("I")
         await settle(pilot)
         await type_text(pilot, str(tmp_path / "walk"))
+        await pilot.press("enter")
+        await settle(pilot)
         await pilot.press("enter")
         await until(pilot, lambda: jobs(pilot))
         async with reading:

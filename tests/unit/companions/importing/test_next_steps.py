@@ -35,14 +35,15 @@ def test_the_last_command_needs_nothing_that_is_not_there(
 def test_who_has_no_calibration_is_shown_how_to_get_one() -> None:
     two = commands(Situation(cameras=2, instants=9, calibrated=False, aligned=False, comparable=True))
     assert [command.split(" {folder}")[0] for command in two] == [
-        "reconstruct calibrate",
-        "reconstruct calibrate",
+        *["reconstruct calibrate"] * 3,
         "reconstruct time",
         "capture-app sessions sheet",
     ]
-    assert "--from PATH" in two[0]
-    assert "--field-of-view DEG" in two[1]
+    assert "--from board --board COLUMNSxROWS --square-mm MM" in two[0]
+    assert "--from PATH" in two[1]
+    assert "--field-of-view DEG" in two[2]
     three = commands(Situation(cameras=3, instants=9, calibrated=False, aligned=True, comparable=True))
-    assert [command.split(" {folder}")[1] for command in three] == [" --from PATH", " --out {name}.jpg"]
+    assert [command.split(" {folder}")[1] for command in three[1:]] == [" --from PATH", " --out {name}.jpg"]
+    assert three[0] == two[0]
     ready = commands(Situation(cameras=3, instants=9, calibrated=True, aligned=True, comparable=True))
     assert ready == ["reconstruct compare {folder} --out {name}-compare"]

@@ -11,7 +11,7 @@ from capture_app.common.address import Address
 from capture_app.common.camera_facts import TIMES, CameraControls, Control
 from capture_app.common.errors import BadInputError, IncompleteError
 from capture_app.protocol.orders import ControlsAnswer, ControlsRequest
-from capture_app.rig.rig_link import ask_leader, match_cameras, set_cameras
+from capture_app.rig.rig_link import ask_leader, ask_status, match_cameras, set_cameras
 from tests.cheap_rig import start_leader
 from tests.unit.node.camera.controlled_camera import EXPOSURE, GAIN, ControlledCamera, ShownNode
 from tests.unit.node.joining import joined
@@ -71,7 +71,7 @@ async def _answered(leader: Address, name: str) -> None:
 
 
 async def test_all_controls_are_read(rig: Rig) -> None:
-    found = await set_cameras(rig.leader, {})
+    found = await set_cameras(rig.leader, await ask_status(rig.leader), {})
     assert set(found) == {"a", "b", "c"}
     assert found["a"].state(Control.EXPOSURE) == EXPOSURE
     assert [state.control for state in found["c"].controls] == [Control.EXPOSURE]
@@ -79,7 +79,7 @@ async def test_all_controls_are_read(rig: Rig) -> None:
 
 async def test_what_one_camera_has_chosen_is_set_on_all_that_can(rig: Rig) -> None:
     rig.cameras["a"].choose(4200.0)
-    found = await match_cameras(rig.leader, "a")
+    found = await match_cameras(rig.leader, await ask_status(rig.leader), "a")
     exposures = {name: state.state(Control.EXPOSURE) for name, state in found.items()}
     assert {name: state.value for name, state in exposures.items() if state} == {
         "a": 4200.0,
@@ -95,20 +95,20 @@ async def test_what_one_camera_has_chosen_is_set_on_all_that_can(rig: Rig) -> No
 
 
 async def test_only_some_controls_are_matched(rig: Rig) -> None:
-    found = await match_cameras(rig.leader, "a", [Control.GAIN])
+    found = await match_cameras(rig.leader, await ask_status(rig.leader), "a", [Control.GAIN])
     assert rig.cameras["a"].set == [(Control.GAIN, 7.0)]
     assert rig.cameras["b"].set == []
     assert found["c"].problems == {Control.GAIN: "its gain cannot be controlled"}
 
 
 async def test_some_cameras_are_set(rig: Rig) -> None:
-    await set_cameras(rig.leader, {Control.EXPOSURE: 2000.0}, ["b", "c"])
+    await set_cameras(rig.leader, await ask_status(rig.leader), {Control.EXPOSURE: 2000.0}, ["b", "c"])
     assert [camera.set for camera in rig.cameras.values()] == [
         [],
         [(Control.EXPOSURE, 2000.0)],
         [(Control.EXPOSURE, 2000.0)],
     ]
     with pytest.raises(BadInputError, match="has no camera d"):
-        await set_cameras(rig.leader, {Control.EXPOSURE: 2000.0}, ["d"])
+        await set_cameras(rig.leader, await ask_status(rig.leader), {Control.EXPOSURE: 2000.0}, ["d"])
     with pytest.raises(BadInputError, match="has no camera d"):
-        await match_cameras(rig.leader, "d")
+        await match_cameras(rig.leader, await ask_status(rig.leader), "d")

@@ -9,10 +9,16 @@ import sys
 import time
 from pathlib import Path
 
-from capture_app.session.files.output_folder import OutputFolder, replaces_only
+
+def print_help() -> None:
+    """Print options of which some are below the end of a dialog, one as wide as the lines may be."""
+    print("Usage: quick\n\nOptions:\n" + "  --more".ljust(int(os.environ["COLUMNS"]) - 2, "."))
+    print("\n".join("  --pace N" for _ in range(40)))
 
 
 def main() -> None:
+    from capture_app.session.files.output_folder import OutputFolder, replaces_only  # for no help
+
     words = iter(sys.argv[1:])
     out = Path(sys.argv[sys.argv.index("--out") + 1])
     with OutputFolder(out, replaces_only(["metrics.json", "splat.json"])) as output:
@@ -38,4 +44,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    (print_help if "--help" in sys.argv else main)()

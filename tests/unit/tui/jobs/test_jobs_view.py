@@ -237,7 +237,7 @@ async def test_a_result_that_cannot_be_read_or_is_gone(root: Path) -> None:
         await pilot.press("enter")
         await until(pilot, lambda: any("run it again" in toast for toast in toasts(pilot.app)))
         job.result.unlink()
-        assert view(pilot).check_action("open", ()) is False
+        assert view(pilot).check_action("on_run", ("open",)) is False
 
 
 @pytest.mark.usefixtures("utc")

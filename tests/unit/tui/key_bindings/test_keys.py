@@ -13,6 +13,7 @@ from textual.widgets import Input, Static
 from capture_app.common.errors import NetworkError
 from capture_app.protocol.orders import EndBurst, StopRig
 from capture_app.protocol.status import BurstStatus
+from capture_app.rig.process import recorded_rig
 from capture_app.tui import app as app_module
 from capture_app.tui.app import POLL_S, SimulshotApp
 from capture_app.tui.jobs.run import COMMANDS
@@ -46,13 +47,29 @@ async def test_help_lists_the_keys_of_where_it_is_asked_for() -> None:
         await pilot.press("end")
         await settle(pilot)
         last = app.export_screenshot().replace("&#160;", " ").replace("&#x27;", "'")
-        for words in ("saved as a session's folder", "exposure=4000 gain=2", "then reconstruct calibrate"):
+        for words in (
+            "saved as a session's folder",
+            "enter on a camera, then X",
+            "then reconstruct calibrate",
+        ):
             assert words in last, "it is scrolled to, and not cut"
         await pilot.press("escape")
         assert not isinstance(app.screen, HelpScreen)
         await pilot.press("4", "question_mark")
         await settle(pilot)
         assert "remove a lost one" not in text(app, "#help-keys")
+
+
+@pytest.mark.parametrize("local", [True, False])
+async def test_help_says_where_the_log_of_a_rig_on_this_machine_is(tmp_path: Path, local: bool) -> None:
+    rig, log = FakeRig(1), tmp_path / "1.log"
+    app = make_app(rig, local=local)
+    with recorded_rig(rig.leader, tmp_path, log):
+        async with running(app) as pilot:
+            await pilot.press("question_mark")
+            await settle(pilot)
+            foot = str(app.screen.query_one("#help-foot", Static).content)
+            assert (f"The rig's log: {log}" in foot) == local
 
 
 async def test_the_palette_does_what_a_key_does() -> None:

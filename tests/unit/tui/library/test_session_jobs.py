@@ -5,12 +5,15 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from textual.containers import VerticalScroll
 from textual.widgets import Input, OptionList, Static
 
-from capture_app.tui.jobs.run import COMMANDS, COVERAGE, STUDIES
+from capture_app.session.exporting import exporter
+from capture_app.tui.jobs.run import COMMANDS, COVERAGE, IMPORT, STUDIES
 from capture_app.tui.library import sessions_view
-from capture_app.tui.question import Question
-from tests.unit.tui.driving import settle, until
+from capture_app.tui.question import Question, TextQuestion
+from reconstruction.commands.calibrate import calibrate
+from tests.unit.tui.driving import settle, toasts, until
 from tests.unit.tui.library.screen import choose, library, text, type_text
 
 NO_PATHS = ("~nobody-of-this-name/films", "x" * 300)
@@ -113,14 +116,90 @@ async def test_a_calibration_that_is_there_is_a_question(
         await until(pilot, lambda: isinstance(pilot.app.screen, Question))
         await pilot.press(key)
         await settle(pilot)
-        assert [job.options.split()[2:] for job in jobs(pilot)] == ([] if options is None else [options])
+        assert [job.options.split()[-1:] for job in jobs(pilot)] == ([] if options is None else [options])
+
+
+async def test_all_that_an_export_needs_is_said_at_once_and_before_its_folder(
+    sessions: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(exporter, "is_here", lambda module: module != "av")
+    (sessions / "two" / "calibration.json").write_text("{}")
+    async with library(sessions, (80, 24)) as pilot:
+        for name, row in (("one", "needs packages and a calibration"), ("two", "needs packages")):
+            await choose(pilot, name)
+            await pilot.press("e")
+            await settle(pilot)
+            formats = pilot.app.screen.query_one(OptionList)
+            place = formats.get_option_index("pose2sim")
+            assert str(formats.get_option_at_index(place).prompt).endswith(f"  {row}")
+            formats.highlighted = place
+            await pilot.press("enter")
+            await settle(pilot)
+            assert not isinstance(pilot.app.screen, TextQuestion)
+            said = toasts(pilot.app)[-1]
+            assert said.startswith("An export to pose2sim needs\npackages: ")
+            assert ("\na calibration: reconstruct calibrate makes one" in said) == (name == "one")
+        await pilot.press("e")
+        await settle(pilot)
+        pilot.app.screen.query_one(OptionList).highlighted = formats.get_option_index("nerfstudio")
+        await pilot.press("enter")
+        await settle(pilot)
+        assert isinstance(pilot.app.screen, TextQuestion), "nothing is missing"
+
+
+def test_the_options_of_a_board_are_those_that_the_command_takes_by_itself() -> None:
+    (options,) = (line for _, line in COMMANDS["calibrate"].choices if line.startswith("--from board"))
+    said = {param.opts[0]: param.default for param in calibrate.params}
+    assert said["--square-mm"] == 35.0
+    assert options == f"--from board --board {said['--board']} --square-mm {said['--square-mm']:g}"
+
+
+async def test_numbered_pictures_are_imported_with_the_options_that_are_asked_for(
+    sessions: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    quick = replace(IMPORT, module="tests.unit.tui.jobs.quick_command", words=())
+    monkeypatch.setattr(sessions_view, "IMPORT", quick)
+    monkeypatch.setitem(COMMANDS, quick.name, quick)
+    async with library(sessions) as pilot:
+        await pilot.press("I")
+        await settle(pilot)
+        await type_text(pilot, str(sessions))
+        await pilot.press("enter")
+        await settle(pilot)
+        assert "Numbered pictures need their --fps" in str(pilot.app.screen.query(Static).first().content)
+        await type_text(pilot, "--fps 25")
+        await pilot.press("enter")
+        await until(pilot, lambda: jobs(pilot))
+        (job,) = jobs(pilot)
+        assert job.line.endswith(f" {sessions} --fps 25 --out {sessions}")
+
+
+async def test_the_help_on_its_options_stands_below_the_line_for_them(
+    sessions: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    quick = replace(COMMANDS["splat"], module="tests.unit.tui.jobs.quick_command", words=(), choices=())
+    monkeypatch.setitem(COMMANDS, quick.name, quick)
+    async with library(sessions, (80, 24)) as pilot:
+        await choose(pilot, "one")
+        await pilot.press("A", *["down"] * [study.name for study in STUDIES].index("splat"), "enter")
+        await settle(pilot)
+        scroll = pilot.app.screen.query_one(VerticalScroll)
+        said = scroll.query_one(Static)
+        await until(pilot, lambda: "--pace N" in str(said.content))
+        assert "Usage" not in str(said.content)
+        assert max(map(len, str(said.content).splitlines())) <= scroll.scrollable_content_region.width
+        assert scroll.scroll_y == 0
+        await pilot.press("down")
+        await until(pilot, lambda: scroll.scroll_y > 0)
+        await pilot.press(*"--no")
+        assert pilot.app.screen.query_one(Input).value == "--no", "the line keeps the focus"
 
 
 def test_a_calibration_is_no_question_where_it_is_not_overwritten(sessions: Path) -> None:
-    calibrate, folder = COMMANDS["calibrate"], sessions / "one"
-    assert not calibrate.would_replace(folder, "--from board")
+    command, folder = COMMANDS["calibrate"], sessions / "one"
+    assert not command.would_replace(folder, "--from board")
     (folder / "calibration.json").write_text("{}")
-    assert calibrate.would_replace(folder, "--from board")
+    assert command.would_replace(folder, "--from board")
     for options in ("--from session", "--from board --coverage", "--from sfm --replace"):
-        assert not calibrate.would_replace(folder, options)
+        assert not command.would_replace(folder, options)
     assert not COMMANDS["splat"].would_replace(folder, "")

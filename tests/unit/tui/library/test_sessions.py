@@ -7,11 +7,11 @@ from pathlib import Path
 import pytest
 from textual.widgets import Static
 
-from capture_app.session.format.manifest import BurstRecord, MissingImage
-from capture_app.session.library.changes import trashed_sessions
+from capture_app.session.format.manifest import JOURNAL, BurstRecord, MissingImage
+from capture_app.session.library.changes import RESULTS, TRASH, trash_session, trashed_sessions
 from capture_app.session.library.listing import SessionCard, SessionListing
 from capture_app.session.writing.session_writer import SessionWriter
-from capture_app.tui.library.session_rows import TakePane
+from capture_app.tui.library.session_rows import ORDERS, TakePane
 from capture_app.tui.question import Question
 from capture_app.tui.screen_settings import Settings
 from tests.unit.session.conftest import camera_record
@@ -56,6 +56,28 @@ async def test_the_best_synchronized_is_marked_and_sorted_first(sessions: Path) 
     assert settings.choices["sessions.order"] == "by name"
 
 
+async def test_sizes_of_results_and_of_the_trash_are_shown_and_sorted_by(sessions: Path) -> None:
+    for place, size in (("one/compare", 2_340_000), ("three/compare", 4_200_000)):
+        (sessions / RESULTS / place).mkdir(parents=True)
+        (sessions / RESULTS / place / "film.mp4").write_bytes(bytes(size))
+    broken = sessions / "broken"
+    broken.mkdir()
+    (broken / JOURNAL).write_bytes(bytes(3_100_000))
+    trash_session(make_take(sessions, name="gone").folder)
+    (sessions / TRASH / "gone" / "session" / "more.bin").write_bytes(bytes(5_000_000))
+    async with library(sessions) as pilot:
+        frame = pilot.app.screen.query_one("#sessions-frame")
+        await until(pilot, lambda: "trash 5.0 MB" in str(frame.border_title))
+        await pilot.press(*["less_than_sign"] * ORDERS.index("largest first"))
+        await settle(pilot)
+        assert names(pilot) == ["three", "broken", "one", "two"]
+        assert "0.0 MB + results 4.2 " in text(pilot.app)
+        assert " 3.1 MB · → " in text(pilot.app).splitlines()[5], "all of a take without a manifest"
+        await pilot.press("E")
+        await until(pilot, lambda: isinstance(pilot.app.screen, Question))
+        assert "1 session, 5.0 MB" in str(pilot.app.screen.query_one(".question", Static).content)
+
+
 async def test_undo_with_an_empty_trash_says_so(sessions: Path) -> None:
     async with library(sessions) as pilot:
         await pilot.press("u")
@@ -72,7 +94,7 @@ async def test_the_trash_is_emptied_after_a_question(sessions: Path) -> None:
             assert len(trashed_sessions(sessions)) == 1
             await pilot.press("E")
             await until(pilot, lambda: isinstance(pilot.app.screen, Question))
-            assert "has 1 session." in str(pilot.app.screen.query_one(".question", Static).content)
+            assert "has 1 session, 0.0 MB." in str(pilot.app.screen.query_one(".question", Static).content)
             await pilot.press(key)
             await settle(pilot)
         await until(pilot, lambda: not trashed_sessions(sessions))
@@ -133,11 +155,24 @@ async def test_a_session_of_one_instant_is_not_compared(sessions: Path) -> None:
         assert not pilot.app.runs.all
 
 
+async def test_a_session_of_one_camera_is_not_compared(sessions: Path) -> None:
+    make_take(sessions, name="alone", cameras=1)
+    async with library(sessions) as pilot:
+        await choose(pilot, "alone")
+        await pilot.press("c")
+        await until(pilot, lambda: toasts(pilot.app))
+        assert toasts(pilot.app) == ["alone has one camera: nothing to compare"]
+
+
 async def test_samples_are_shown_and_left_as_they_are(sessions: Path) -> None:
     async with library(sessions) as pilot:
         sample = next(key for key in rows(pilot.app).keys if key.endswith("sample_sessions/jumper"))
         rows(pilot.app).choose(sample)
         await settle(pilot)
-        for action in ("rename", "note", "trash"):
-            assert view(pilot.app).check_action("on_session", (action,)) is False
+        await pilot.press("n", "t", "delete")
+        await until(pilot, lambda: len(toasts(pilot.app)) == 3)
+        assert set(toasts(pilot.app)) == {
+            "jumper is a sample that comes with simulshot, and stays as it is"
+        }, "each key says why"
+        assert sample in rows(pilot.app).keys
         assert view(pilot.app).check_action("on_session", ("compare",)) is True

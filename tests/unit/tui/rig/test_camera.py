@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 from hypothesis import given
 from hypothesis import strategies as st
+from textual.widgets import Input, Static
 
 from capture_app.common.camera_facts import MICROSECONDS, CameraControls, Control, ControlState
 from capture_app.common.errors import NetworkError
@@ -67,6 +68,38 @@ async def test_all_cameras_are_set_like_this_one() -> None:
         await settle(pilot)
         assert ("match_cameras", "cam00") in rig.asked
         assert toasts(app) == ["2 cameras set like cam00, except:\ncam01: it has no [b]focus"]
+
+
+async def test_a_camera_is_set_and_says_what_it_refuses() -> None:
+    rig = FakeRig(2)
+    exposure = ControlState(
+        control=Control.EXPOSURE, value=4000.0, unit=MICROSECONDS, minimum=30.0, maximum=33000.0
+    )
+    fixed = ControlState(control=Control.FOCUS, value=1.0, unit="steps")
+    gain = ControlState(control=Control.GAIN, unit="×", automatic=True, minimum=1.0, maximum=8.0)
+    rig.details["cam00"] = NodeDetail(camera="cam00", controls=(exposure, fixed, gain))
+    rig.matched = {"cam00": CameraControls(problems={Control.GAIN: "9 is out of its range"})}
+    app = make_app(rig)
+    async with app.run_test(size=(100, 30), notifications=True) as pilot:
+        await settle(pilot)
+        await pilot.press("enter")
+        await settle(pilot)
+        await pilot.press("X")
+        await settle(pilot)
+        said = str(app.screen.query(Static).first().content)
+        assert "exposure: 4000 µs; 30 to 33000" in said
+        assert "focus" not in said, "it cannot be set"
+        line = app.screen.query_one(Input)
+        assert line.value == "exposure=4000 gain=auto"
+        line.value = "gain=nin"
+        await pilot.press("end", "e", "enter")
+        await settle(pilot)
+        assert "gain=nine is not a number" in str(app.screen.query_one(".wrong", Static).content)
+        line.value = "exposure=2000 gain="
+        await pilot.press("end", "9", "enter")
+        await settle(pilot)
+        assert ("set_camera", "cam00", {"exposure": 2000.0, "gain": 9.0}) in rig.asked
+        assert toasts(app) == ["cam00 is set; C sets all like it, except:\ncam00: 9 is out of its range"]
 
 
 async def test_a_camera_that_does_not_answer_says_so_and_one_that_left_too() -> None:

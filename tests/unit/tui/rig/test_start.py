@@ -105,6 +105,23 @@ async def test_simulated_cameras_as_many_as_wanted_then_the_rig_is_shown() -> No
         assert not app.screen.query_one("#start").display
 
 
+async def test_a_scene_for_more_cameras_is_named_where_one_has_no_more_views() -> None:
+    app = make_app(FakeRig(0))
+    async with app.run_test(size=(60, 20), notifications=True) as pilot:
+        await rest(app, pilot)
+        await pilot.press(*"++")
+        assert "“bars” has 64" in " ".join(lines(app, "#start-meaning"))
+        assert not toasts(app)
+        await pilot.press("+")
+        await settle(pilot)
+        assert toasts(app) == ["“studio” has no more views; N: the scene. “bars” has 64"]
+        await pilot.press(*"NNNN", "+")
+        await settle(pilot)
+        assert "s  Try 8 simulated cameras" in offered(app)
+        assert " ".join(lines(app, "#start-line")).endswith("--camera v4l2:/dev/video0"), "none of it is cut"
+        assert max(map(len, lines(app, "#start-line"))) <= app.screen.query_one("#start-line").size.width
+
+
 async def test_what_cannot_be_started_is_said_in_a_sentence(cameras: list[CameraListing]) -> None:
     cameras.append(WEBCAM)
     rig = FakeRig(0)

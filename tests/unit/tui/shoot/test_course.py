@@ -22,7 +22,7 @@ from capture_app.protocol.orders import CancelBurst, EndBurst
 from capture_app.protocol.status import BurstStatus, CameraTransfer, RigStatus
 from capture_app.rig.taking import TakePlan
 from capture_app.tui.question import Question
-from capture_app.tui.shoot.shoot_plan import render_limit_s
+from capture_app.tui.shoot.shoot_plan import TakeSettings, render_limit_s
 from capture_app.tui.shoot.shoot_view import cancellable_bursts
 from capture_app.tui.shoot.takes import Take, progress_words, transfer_line
 from capture_app.tui.widgets.key_footer import KeyFooter
@@ -324,6 +324,20 @@ async def test_space_records_and_ends_the_recording(tmp_path: Path) -> None:
         await pilot.press("space")
         await studio.settle(pilot)
         assert sum(asked[0] == "burst" for asked in rig.asked) == 2, "it takes again while the last is saved"
+
+
+async def test_the_sheet_of_the_take_before_gives_way_to_a_recording(tmp_path: Path) -> None:
+    rig = ready_rig(2)
+    rig.take = saves_into(tmp_path, cameras=2)
+    studio = Studio(rig, tmp_path)
+    async with studio.running(120, 40) as pilot:
+        await pilot.press("space")
+        await until(pilot, lambda: studio.view.stage.is_sheet)
+        rig.take, rig.saves = None, asyncio.Event()
+        studio.view.plan_panel.change(TakeSettings(mode="recording"))
+        await pilot.press("space")
+        await studio.settle(pilot)
+        assert not studio.view.stage.is_sheet, "what the cameras see is shown while they record"
 
 
 def test_a_recording_of_a_planned_length_ends_by_itself() -> None:

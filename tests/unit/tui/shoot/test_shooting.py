@@ -1,5 +1,6 @@
 """The settings of the next take: their limits, what is remembered, and the plan that they become."""
 
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -8,7 +9,7 @@ from hypothesis import strategies as st
 
 from capture_app.rig.taking import TakePlan
 from capture_app.tui.screen_settings import Settings
-from capture_app.tui.shoot.shoot_plan import MAX_BEFORE, MAX_FRAMES, TakeMode, TakeSettings, stepped
+from capture_app.tui.shoot.shoot_plan import MAX_BEFORE, MAX_FRAMES, ROWS, TakeMode, TakeSettings, stepped
 
 
 @given(st.integers(-5, 500), st.integers(-5, 500), st.integers(-9, 9), st.integers(-9, 9))
@@ -66,3 +67,17 @@ def test_steps_begin_at_the_nearest_value() -> None:
 def test_settings_become_a_plan(mode: TakeMode, plan: TakePlan) -> None:
     settings = TakeSettings(mode=mode, countdown_s=5, every_s=10, region="left half", seconds=60)
     assert settings.plan() == plan
+
+
+def test_a_recording_saves_each_nth_frame_for_as_much_longer() -> None:
+    settings = TakeSettings(mode="recording", nth=10)
+    assert settings.plan(20.0, 40_000_000) == TakePlan(video=True, seconds=200.0, interval_s=0.4)
+    assert settings.plan().interval_s is None, "no rig yet"
+    assert replace(settings, nth=0).plan(None, 40_000_000) == TakePlan(video=True), (
+        "of a file that was edited"
+    )
+    assert replace(settings, mode="single").plan(20.0, 40_000_000).interval_s is None
+    (rate,) = (row for row in ROWS if row.label == "rate")
+    assert rate.text(settings, 40_000_000) == "2.5 fps"
+    assert rate.change is not None
+    assert rate.change(settings, 1).nth == 5, "more frames a second"

@@ -52,6 +52,18 @@ async def test_cameras_are_across_by_name_and_instants_down() -> None:
         assert sum("▀" in line or "▌" in line for line in lines) > 30
 
 
+@pytest.mark.parametrize(("key", "motion"), [("P", "play"), ("b", "cameras"), ("w", "wiggle")])
+async def test_the_keys_of_a_picture_start_its_motion_from_the_sheet(key: str, motion: Motion) -> None:
+    app = SheetApp(TakeSheet.open(SAMPLE))
+    async with app.run_test(size=(120, 40)) as pilot:
+        app.contact.focus()
+        await pilot.press(key)
+        await finish_work(pilot)
+        shown: Any = app.screen
+        assert isinstance(shown, LookScreen)
+        assert shown.motion == motion
+
+
 async def test_a_picture_that_is_being_read_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     load, may_read = TakeSheet.load, threading.Event()
 

@@ -42,24 +42,29 @@ _COMMANDS = {
         "capture-app sessions import SOURCE": "gopro dji multicam clips sync synchronize align load add",
         "capture-app sessions sheet SESSION": "contact-sheet thumbnails",
         "capture-app demo": "simulate sim simulated simulation fake",
-        "capture-app sessions show SESSION": "inspect describe probe info details metadata",
+        "capture-app sessions show SESSION": "inspect describe probe info details metadata timestamps",
+        "capture-app sessions verify SESSION": "check verify validate fsck",
+        "capture-app sessions wiggle SESSION": "play",
         "capture-app sessions empty-trash": "purge clean empty-trash prune",
         "capture-app status": "nodes info stats state health sync synchronize genlock jam jam-sync accuracy "
         "clock latency dropped drops",
         "capture-app doctor": "check diagnose test disk space storage du firewall network wifi",
         "capture-app rig list": "ps rigs log logs",
-        "capture-app, by installing it again": "update upgrade install",
+        "capture-app, by the line that installed it (docs/install.md)": "update upgrade install",
+        "capture-app, by make uninstall or pip uninstall simulshot": "uninstall",
         "capture-app phones": "phone mobile android ios qr",
         "capture-app monitor": "dashboard live watch",
         "capture-app --version": "version",
         "capture-app --help": "help",
-        "capture-app people": "osc live-people livemocap",
+        "capture-app people": "osc vmc live-people livemocap live-mocap",
         "reconstruct calibrate SESSION": "calibrate calibration calib intrinsics extrinsics lens lenses",
         "reconstruct, a command of its own": "reconstruct",
         "reconstruct multiview SESSION": "photogrammetry depth depthmap depth-map mesh pointcloud 3d "
         "multiview sfm mvs volumetric ply",
         "reconstruct stereo SESSION": "stereo disparity",
-        "reconstruct splat SESSION": "splat splats gsplat gaussians train 3dgs",
+        "reconstruct splat SESSION": "splat splats gsplat gaussians gaussian-splat gaussian-splatting train "
+        "3dgs",
+        "reconstruct trajectory SESSION": "track trajectory tracking",
         "reconstruct panorama SESSION": "panorama stitch pano",
         "reconstruct people SESSION": "gait angles pose2d pose3d markerless pose poses skeleton "
         "mocap joints keypoints triangulate c3d bvh trc",
@@ -68,7 +73,7 @@ _COMMANDS = {
         "reconstruct time SESSION": "time offset offsets",
         "capture-app panel show": "timecode time-code led",
         "reconstruct board FILE": "make-board print-board board charuco chessboard checkerboard",
-        "reconstruct view SESSION": "orbit flythrough view walk render bullet-time bullettime play",
+        "reconstruct view SESSION": "orbit flythrough view walk render bullet-time bullettime",
     },
     "capture-app sessions": {
         "capture-app sessions trash SESSION": "delete rm remove del",
@@ -91,7 +96,8 @@ _COMMANDS = {
         "reconstruct multiview SESSION --mesh": "mesh poisson mesher",
         "reconstruct stereo SESSION": "disparity sgbm pair",
         "reconstruct calibrate SESSION": "sfm mapper calib calibration intrinsics extrinsics poses colmap",
-        "reconstruct splat SESSION": "splats gsplat gaussian gaussians splatfacto train 3dgs nerf nerfacto",
+        "reconstruct splat SESSION": "splats gsplat gaussian gaussians gaussian-splat gaussian-splatting "
+        "splatfacto train 3dgs nerf nerfacto",
         "reconstruct panorama SESSION": "stitch pano stitching",
         "reconstruct view SESSION": "orbit flythrough walk play render novel-view bullet-time bullettime "
         "wiggle viewer",
@@ -171,7 +177,7 @@ _OPTIONS = {
     "--count": "n num frames number max-frames vframes",
     "--out": "output o out-dir output-dir output-path dir dest destination outfile workspace-path to",
     "--to": "format f type output-format as",
-    "--seconds": "duration t time length for",
+    "--seconds": "duration t time length for hours minutes",
     "--interval-s": "interval timelapse",
     "--fps": "rate framerate frame-rate r hz",
     "--camera": "device source src input i cam spec cameras",
@@ -200,6 +206,7 @@ _OPTIONS = {
     "--mesh": "poisson",
     "--iterations": "steps iters max-iterations",
     "--verbose": "debug trace log-level",
+    "--keypoints": "dlc deeplabcut openpose sleap mmpose alphapose coco",
     "--calibration": "intrinsics camera-params calib",
     "--every": "step stride skip",
     "--field-of-view": "fov hfov",
@@ -213,7 +220,13 @@ _SIMULATED = {"--camera sim:phone-a": "simulated simulate sim simulation fake du
 _OPTIONS_OF = {
     "reconstruct calibrate": {"--board": "charuco chessboard checkerboard"},
     **dict.fromkeys(("capture-app", "capture-app node", "capture-app rig start"), _SIMULATED),
-    "reconstruct people": {"--out DIR, with every format in it": "c3d trc csv gltf glb"},
+    "reconstruct people": {
+        "--out DIR, with CSV, TRC, C3D and glTF in it": "c3d trc csv gltf glb fbx bvh format"
+    },
+    "capture-app sessions export": {
+        **{f"--to {name}": f"{name} {words}" for name, words in FORMATS.items()},
+        "in each export, as frames.csv": "csv",
+    },
 }
 """Options that mean this of certain commands alone, in the same form."""
 _OF_A_SESSION = {"reconstruct": "reconstruct compare", "capture-app": "capture-app sessions show"}

@@ -135,7 +135,8 @@ def open_sources(paths: Sequence[str], *, png: bool = False, recording: str | No
         name, path = split_name(text)
         place, some = _matching(path)
         if not path.exists() and not some:
-            raise BadInputError(f"nothing at {path}", hint="check the path")
+            hint = f"a network's camera joins a rig: capture-app node --camera {text}"
+            raise BadInputError(f"nothing at {path}", hint=hint if "://" in text else "check the path")
         if not name and path.is_dir() and not camera_importer(path):
             takes, _ = takes_in(path)
             if len(takes) > 1:

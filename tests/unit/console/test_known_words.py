@@ -73,8 +73,20 @@ capture-app simulate > capture-app demo
 capture-app sim > capture-app demo
 capture-app pose > reconstruct people SESSION
 capture-app depthmap > reconstruct multiview SESSION
-capture-app play > reconstruct view SESSION
-capture-app update > capture-app, by installing it again
+capture-app play x > capture-app sessions wiggle SESSION
+capture-app update > capture-app, by the line that installed it (docs/install.md)
+capture-app uninstall > capture-app, by make uninstall or pip uninstall simulshot
+capture-app check > capture-app doctor
+capture-app check x > capture-app sessions verify SESSION
+capture-app timestamps x > capture-app sessions show SESSION
+capture-app track x > reconstruct trajectory SESSION
+capture-app vmc > capture-app people
+reconstruct gaussian-splat x > reconstruct splat SESSION
+reconstruct people x --dlc y > --keypoints
+reconstruct people x --fbx > --out DIR, with CSV, TRC, C3D and glTF in it
+capture-app sessions export x --colmap > --to colmap
+capture-app sessions export x --csv > in each export, as frames.csv
+capture-app record --hours 12 > --seconds
 reconstruct mocap x > reconstruct people SESSION
 reconstruct play x > reconstruct view SESSION
 capture-app reconstruct > reconstruct, a command of its own
@@ -112,7 +124,7 @@ reconstruct triangulate x > reconstruct people SESSION
 reconstruct --people > reconstruct people
 reconstruct --calib c.json x > reconstruct calibrate SESSION
 reconstruct volumetric x > reconstruct multiview SESSION
-reconstruct people x --c3d > --out DIR, with every format in it
+reconstruct people x --c3d > --out DIR, with CSV, TRC, C3D and glTF in it
 capture-app sessions delete x > capture-app sessions trash SESSION
 capture-app sessions rm x > capture-app sessions trash SESSION
 capture-app sessions ls > capture-app sessions list

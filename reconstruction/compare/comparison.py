@@ -184,6 +184,11 @@ class Comparison:
         progress.step("calibration")
         if not scene.problem:
             check = self.context.compared.check
+            if scene.given is not None and check.by_lenses and not check.holds:
+                raise BadInputError(
+                    f"the calibration of {scene.dataset.name} does not hold for its pictures: {check}",
+                    hint="calibrate the rig again: reconstruct calibrate SESSION --replace",
+                )
             px = None if check.error_px is None else round(check.error_px, 3)
             self.known |= {"rest_error_px": px, "rest_points": check.points}
         progress.step("choosing cameras")

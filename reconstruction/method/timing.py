@@ -156,6 +156,7 @@ def measure_rig_timing(offsets: PairOffsets, pair: tuple[str, str] | None) -> "S
             misfit_px=offset.misfit_px,
             change=offset.change or UNCHANGED,
             repeats_ms=offset.images.repeats_ms,
+            rows_ms=offset.images.rows_ms,
             moved=dict(zip([name], offset.images.moved, strict=False)),
         )
         both = reference, name
@@ -176,7 +177,7 @@ def steady_pairs(
         pair: fit.offset_ms
         for pair, fit in measured.items()
         if fit.offset_ms is not None
-        and not (fit.change or fit.disagreeing or any(fit.glitches_ms) or unseen_ends(fit))
+        and not (fit.change or fit.rows_ms or fit.disagreeing or any(fit.glitches_ms) or unseen_ends(fit))
         and not (fit.odd_ms(limit_ms) or fit.jitter_ms(period_ms))
         and SIGMAS * _max_jitter_ms(fit.instants, fit.offset_ms) <= limit_ms
     }
@@ -218,6 +219,7 @@ def judge_timing(
             examined=fit.examined,
             period_ms=spacing_ms,
             repeats_ms=fit.repeats_ms,
+            rows_ms=fit.rows_ms,
             moved=tuple(fit.moved.values()),
         ),
     )
@@ -265,7 +267,7 @@ def judge_timing(
     # If measured images disagree, others may be farther off.
     same &= not unknown.disagreeing and (not odd_ms or is_same_instant(possible_ms, spacing_ms))
     far_ms = [possible_ms, *(abs(late + ms) for ms in odd_ms.values())] if odd_ms else []
-    denied = offset or jitter_ms is not None
+    denied = offset or jitter_ms is not None or fit.rows_ms != 0
     return structs.replace(
         unknown,
         synchronized=not denied and not reason,

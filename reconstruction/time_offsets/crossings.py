@@ -75,6 +75,13 @@ MIN_JITTER_INSTANTS = 5
 MIN_GLITCHES = 0.2
 """Minimum fraction of instants with clear offsets of their own from which images jitter."""
 MIN_JITTER_FRAMES = 0.05
+PARTS = 2
+"""Number of parts from the middle of the image to its edge, across and down, whose bodies must agree."""
+ROW_STEPS, ROW_BINS = 20, 16
+"""Steps of the offset's change from the middle row to the last, up to a period, and of a period's offsets."""
+CLEARER_ROWS, MIN_ROWS = 1.25, 0.1
+"""Minimum ratio of crossings that agree if rows have own offsets, and scatter of an instant's rows, in halves
+of the image. With one offset the ratio is 1.07 at most, with opposite rolling shutters 1.75 (simulated)."""
 INDEPENDENT = 1.2
 """Minimum von Neumann ratio of jitter; with less the offsets drift, as with a wrong calibration."""
 
@@ -256,6 +263,8 @@ class OffsetFit:
     """Instants that were examined and show no offset of their own."""
     repeats_ms: float = 0.0
     """Period of all that moves in front of one of the cameras; 0 if it does not repeat."""
+    rows_ms: float = 0.0
+    """How much later the second camera is at the last row than at the middle one, whose offset this is."""
     moved: Mapping[str, str] = field(default_factory=dict)
     """Cameras that were moved during the take, and how, in words; only a part of it is measured."""
 
@@ -342,21 +351,26 @@ def misfit(count: int, points: str, off_px: float) -> OffsetFit:
 
 
 def fit_offset(
-    crossings: Crossings,
-    still: StillErrors,
-    period_ms: float,
-    recorded_px: float = 0.0,
-    *,
-    steady: bool = False,
+    crossings: Crossings, still: StillErrors, period_ms: float, recorded_px: float = 0.0
 ) -> OffsetFit:
     """Fit the offset that most crossings agree on, together with the errors of the geometry.
 
     `recorded_px` is the median epipolar error of static points before the geometry was corrected by them.
-    `steady`: the offset does not change.
+    If rows have own offsets, it is that of the middle row.
 
     A calibration error moves crossings by a distance, and so by a time that depends on how fast a point
     crosses its line. The error bar includes any part of the offset that such an error could explain.
     """
+    rows_ms = _rows_ms(crossings, period_ms)
+    middle = crossings.later(-rows_ms * places(crossings.geometry)[:, 1])
+    fit = _fit_offset(middle, still, period_ms, recorded_px)
+    return fit if fit.offset_ms is None else replace(fit, rows_ms=rows_ms)
+
+
+def _fit_offset(
+    crossings: Crossings, still: StillErrors, period_ms: float, recorded_px: float, *, steady: bool = False
+) -> OffsetFit:
+    """Fit as `fit_offset` does, if all rows have one offset; `steady`: it does not change."""
     if (at_rest_px := median_px(still[0])) > MAX_AT_REST_PX:
         return misfit(len(still[0]), "points at rest", at_rest_px)
     moving = crossings.only(np.abs(crossings.across_px_per_ms) * period_ms > MIN_ACROSS_PX)
@@ -396,8 +410,13 @@ def fit_offset(
         is_wrong = recorded_px > 2 * TYPICAL_AT_REST_PX or scatter_ms(left, period_ms)[1]
         is_wrong |= abs(change.drift) < ODD_INSTANT_SIGMAS * drift_sd
     if is_wrong:
-        return fit_offset(crossings, still, period_ms, recorded_px, steady=True)
+        return _fit_offset(crossings, still, period_ms, recorded_px, steady=True)
     offset_ms = float(fit.values[0])
+    if bodies := _other_bodies_ms(moving.by(fit.geometry), offset_ms, period_ms):
+        return OffsetFit(
+            reason="the moving points do not agree on one offset: in a part of the picture they are "
+            f"{bodies[0]:+.0f} ms off the others (is there a screen, or another calibration?)"
+        )
     # Where motion turns, a point crosses its line twice, and only at the wrong time fast.
     slower = crossings.only(np.abs(crossings.across_px_per_ms) * period_ms > MIN_ACROSS_PX / 2)
     own = _votes(slower.later(-change.at_ms(slower.instant, period_ms)).by(fit.geometry))
@@ -415,6 +434,33 @@ def fit_offset(
 
 def _votes(seen: Crossings) -> Votes:
     return count_votes(seen.instant, seen.offset_ms, seen.across_px_per_ms, seen.counts)
+
+
+def _rows_ms(seen: Crossings, period_ms: float) -> float:
+    """Return the offset's growth from the middle row to the last, ms; 0 unless far more crossings agree.
+
+    Rows are compared at one instant: what is small shows each row at another time.
+    """
+    seen = seen.only(np.abs(seen.across_px_per_ms) * period_ms > MIN_ACROSS_PX)
+    down, (_, of_instant) = places(seen.geometry)[:, 1], np.unique(seen.instant, return_inverse=True)
+    middles = (np.bincount(of_instant, down) / np.bincount(of_instant))[of_instant]
+    slopes = np.linspace(-period_ms, period_ms, 2 * ROW_STEPS + 1)
+    late_ms, reach_ms = (seen.offset_ms - ms * down for ms in slopes), (-10 * period_ms, 10 * period_ms)
+    counts = (np.histogram(ms, 20 * ROW_BINS, reach_ms, weights=seen.counts)[0] for ms in late_ms)
+    agreeing = np.array([np.convolve(count, np.ones(3)).max() for count in counts])
+    if (
+        agreeing.max() < max(MIN_VOTES, CLEARER_ROWS * agreeing[ROW_STEPS])
+        or (down - middles).std() < MIN_ROWS
+    ):
+        return 0.0
+    return float(np.average(slopes, weights=np.clip(agreeing - 0.9 * agreeing.max(), 0, None)))
+
+
+def _other_bodies_ms(seen: Crossings, offset_ms: float, period_ms: float) -> list[float]:
+    """Return how much later than an offset the clear peaks of parts of the image are that contradict it."""
+    parts = _votes(replace(seen, instant=np.floor(PARTS * places(seen.geometry)) @ (1, 4 * PARTS)))
+    apart_ms = parts.apart_ms(offset_ms, period_ms, GLITCH_FRAMES, GLITCH_VOTES)
+    return [ms for ms in apart_ms.values() if abs(ms) < MAX_GLITCH_FRAMES * period_ms]
 
 
 def _glitches_ms(
@@ -503,7 +549,7 @@ def scatter_ms(instants: Sequence[InstantOffset], period_ms: float) -> tuple[flo
 
 def _best_offset(votes: Votes, period_ms: float) -> tuple[float, float, float]:
     """Return the offset with the most votes (ms), its votes, and the most votes a period or more from it."""
-    grid, total = votes.offsets_ms, votes.total
+    grid, total = votes.offsets_ms, votes.votes.sum(0)
     best = int(total.argmax())
     elsewhere = np.abs(grid - grid[best]) >= period_ms
     return float(grid[best]), float(total[best]), float(total[elsewhere].max(initial=0.0))

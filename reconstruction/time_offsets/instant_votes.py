@@ -145,11 +145,6 @@ class Votes:
     offsets_ms: Array
     votes: Array
 
-    @property
-    def total(self) -> Array:
-        """The votes (g,) of all instants."""
-        return np.asarray(self.votes.sum(0))
-
     def apart_ms(
         self, offset_ms: float, period_ms: float, min_frames: float, min_votes: float = MIN_VOTES
     ) -> dict[int, float]:

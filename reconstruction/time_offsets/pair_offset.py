@@ -36,7 +36,7 @@ from reconstruction.time_offsets.crossings import (
     still_errors,
 )
 from reconstruction.time_offsets.frame_jumps import BESIDE, image_change, place_step
-from reconstruction.time_offsets.instant_votes import Step
+from reconstruction.time_offsets.instant_votes import MIN_VOTES, Step
 from reconstruction.time_offsets.outlines import Outlines, find_outlines, moves_evenly, similar_objects
 from reconstruction.time_offsets.pair_geometry import (
     Correction,
@@ -45,6 +45,7 @@ from reconstruction.time_offsets.pair_geometry import (
 )
 from reconstruction.time_offsets.repetition import repetition_ms
 from reconstruction.time_offsets.rough_offset import RoughOffset, find_rough_offset, measure_activity
+from reconstruction.time_offsets.screens import find_screen
 from reconstruction.time_offsets.single_images import repeated_images
 
 MAX_POINTS = 400
@@ -89,6 +90,10 @@ GUESSED_IN_MOTION = (
     "the calibration is a guess from pictures of moving cameras, in which a delay looks like another place: "
     "calibrate with a board"
 )
+TURNS, NEARLY_ALL, EVENLY = 5, 0.7, 0.8
+"""Instants at which a turn is looked for, fraction of moving points that turn, and ratio of its speeds."""
+MIN_TURN_PX, MIN_TURN = 1.0, 0.05
+"""Minimum motion of a point, and minimum turn (rad), from frame to frame."""
 OUTLINE_COUNTS = 4.0
 """Number of points that an object's centre counts for: its whole outline determines it."""
 
@@ -124,6 +129,7 @@ class PairOffsets:
         self._stays = computed_once(self._find_staying)
         self._motion = computed_once(partial(measure_camera_motion, scene.dataset))
         self._rest = computed_once(self._find_rest)
+        self._screen = computed_once(partial(find_screen, scene.dataset))
         self._repetition = computed_once(partial(repetition_ms, scene.dataset))
         self.repeated = computed_once(partial(repeated_images, scene.dataset))
         self._activity = computed_once(partial(measure_activity, scene.dataset))
@@ -288,8 +294,33 @@ class PairOffsets:
     def _limited(self, fit: OffsetFit, cameras: tuple[str, str]) -> OffsetFit:
         """Return a fit with the shifts of cameras that were moved, and with the period of what repeats."""
         moved = {camera: text for camera in cameras if (text := self._rest(camera)[1])}
-        repeats_ms = 0.0 if fit.offset_ms is None else max(map(self._repetition, cameras))
+        screens = [camera for camera in cameras if fit.offset_ms is None and self._screen(camera).any()]
+        reason = fit.reason + (f" beside the screen that {' and '.join(screens)} shows" if screens else "")
+        if fit.offset_ms is None:
+            return replace(fit, moved=moved, reason=reason)
+        repeats_ms = max(map(self._repetition, cameras)) or self._turning_ms(cameras[0], fit)
         return replace(fit, moved=moved, repeats_ms=repeats_ms)
+
+    def _turning_ms(self, camera: str, fit: OffsetFit) -> float:
+        """Return the time of a whole turn if nearly all that moves turns evenly; 0 if not.
+
+        A take of less than a turn and a half does not show that the motion repeats. The eigenvalues of the
+        points' affine motion from an image to the next are a turn's, also seen from aside.
+        """
+        turns, seen = [], [one.instant for one in fit.instants]
+        for before in evenly_spaced([k for k in seen if self.dataset.has_image(camera, k + 1)], TURNS):
+            images = [self._points(camera, instant, False) for instant in (before, before + 1)]
+            matched = match_descriptors(images[0][0], images[1][0], MATCH_RATIO)
+            at, after = (positions[1][chosen] for (_, positions), chosen in zip(images, matched, strict=True))
+            moves = np.linalg.norm(after - at, axis=1) > MIN_TURN_PX
+            if moves.sum() < MIN_VOTES:
+                return 0.0
+            motion, turning = cv2.estimateAffine2D(at[moves], after[moves])
+            if motion is None or turning.mean() < NEARLY_ALL:
+                return 0.0
+            turns.append(float(np.abs(np.angle(np.linalg.eigvals(motion[:, :2])[0]))))
+        is_even = bool(turns) and min(turns) > max(MIN_TURN, EVENLY * max(turns))
+        return 2 * np.pi / float(np.median(turns)) * self.dataset.period_ns / 1e6 if is_even else 0.0
 
     def _placed(self, fit: OffsetFit, cameras: tuple[str, str]) -> OffsetFit:
         """Return a fit with its steps placed by what moves in each camera's own images."""
@@ -365,9 +396,9 @@ class PairOffsets:
 
         Descriptors are square roots of SIFT's, normalized to sum 1 (Arandjelovic and Zisserman 2012).
         """
-        data, motion = self.dataset, self.scene.motion
+        data = self.dataset
         image = data.grey(camera, instant)
-        moving = np.ones(image.shape, bool) if all_moves else motion.widened_moving(camera, instant)
+        moving = np.ones(image.shape, bool) if all_moves else self._bodies(camera, instant)
         left, top, wide, tall = cv2.boundingRect(moving.astype(np.uint8))
         corner = max(0, left - MARGIN_PX), max(0, top - MARGIN_PX)
         part = np.s_[corner[1] : top + tall - 1 + MARGIN_PX, corner[0] : left + wide - 1 + MARGIN_PX]
@@ -380,7 +411,11 @@ class PairOffsets:
 
     def _find_outlines(self, camera: str, instant: int) -> Outlines:
         motion, image = self.scene.motion, self.dataset.grey(camera, instant)
-        return find_outlines(image, motion.background(camera), motion.widened_moving(camera, instant))
+        return find_outlines(image, motion.background(camera), self._bodies(camera, instant))
+
+    def _bodies(self, camera: str, instant: int) -> Array:
+        """Return the moving pixels that show no screen, and a margin around them (bool)."""
+        return np.asarray(self.scene.motion.widened_moving(camera, instant) & ~self._screen(camera))
 
     def _still_matches(self, first: str, second: str) -> tuple[Array, Array]:
         """Return matched static points, (n, 2) px in each camera."""

@@ -1,5 +1,7 @@
 """Time after which all that moves in front of a camera looks the same again, as a turning disc does."""
 
+from collections.abc import Sequence
+
 import cv2
 import numpy as np
 
@@ -20,20 +22,24 @@ something beside it that does not repeat, or has another period, it is 0.6 at mo
 """
 
 
+def middle_images(dataset: Dataset, camera: str) -> tuple[Sequence[int], Array]:
+    """Return at most `MAX_IMAGES` successive instants in a take's middle, and reduced images (t, h, w)."""
+    whole = dataset.instants(camera)
+    spare = max(0, len(whole) - MAX_IMAGES) // 2
+    there = whole[spare : spare + MAX_IMAGES]
+    images = [cv2.GaussianBlur(reduced_image(dataset, camera, k), (0, 0), BLUR_PX) for k in there]
+    return there, np.array(images, np.float32)
+
+
 def repetition_ms(dataset: Dataset, camera: str) -> float:
     """Return the period of all that moves in a camera's images, ms; 0 if something does not repeat.
 
     It is the first maximum of the images' autocorrelation, without what stands still, in steps of half a
     frame. Periods longer than the take are not seen.
     """
-    there = dataset.instants(camera)
-    spare = max(0, len(there) - MAX_IMAGES) // 2
-    there = there[spare : spare + MAX_IMAGES]
+    there, images = middle_images(dataset, camera)
     if len(there) <= MIN_IMAGES:
         return 0.0
-    images = np.stack(
-        [cv2.GaussianBlur(reduced_image(dataset, camera, k), (0, 0), BLUR_PX) for k in there]
-    ).astype(np.float32)
     images -= np.median(images, axis=0)
     images -= np.median(images, axis=(1, 2), keepdims=True)
     noise = NOISES * np.median(np.abs(images))

@@ -152,6 +152,7 @@ def _single(
     ]
     explained = jitter_ms or any(fit.change for fit in its.values())
     images = SingleImages(
+        rows_ms=min((fit.rows_ms if pair[1] == name else -fit.rows_ms for pair, fit in its.items()), key=abs),
         glitches_ms=common_glitches([fit.glitches_ms[pair[1] == name] for pair, fit in its.items()]),
         odd_ms={} if explained else common_glitches(odd_ms),
         unvoted=tuple(sorted(set.intersection(*(set(fit.unvoted) for fit in its.values())))),

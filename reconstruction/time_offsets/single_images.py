@@ -42,6 +42,8 @@ class SingleImages(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """Time from frame to frame."""
     repeats_ms: float = 0.0
     """Period of all that moves: the offset may be a multiple of it more or less; 0 if it does not repeat."""
+    rows_ms: float = 0.0
+    """How much later the last row is than the middle one, against those of the other camera."""
     moved: tuple[str, ...] = ()
     """Which cameras were moved during the take, and how: only a part of it was measured."""
 
@@ -61,7 +63,7 @@ class SingleImages(Struct, frozen=True, kw_only=True, omit_defaults=True):
             by_size.setdefault(_later(ms, self.period_ms), []).append(instant)
         yield from self.moved
         view = {"images": self, "camera": camera, "than": than, "by_size": by_size}
-        for kind in ("glitches", "repeated", "stalled", "odd", "unvoted"):
+        for kind in ("rows", "glitches", "repeated", "stalled", "odd", "unvoted"):
             if text := render_sentences("single_images.txt", __package__, kind=kind, **view):
                 yield text
 
@@ -90,17 +92,16 @@ def stalled_images(dataset: Dataset, cameras: Collection[str]) -> dict[str, tupl
     moves in the camera's own images before and after. Long takes are searched in parts.
     """
     changes = {name: _changes(dataset, name) for name in cameras}
-    repeated = dict[str, tuple[int, ...]]()
-    for name, own in changes.items():
-        others = [change for other, change in changes.items() if other != name]
-        repeated[name] = tuple(
+    return {
+        name: tuple(
             k
             for k in own
             if own[k] < STALLED
-            and any(other.get(k, 0.0) > MOVING for other in others)
+            and any(other.get(k, 0.0) > MOVING for camera, other in changes.items() if camera != name)
             and all(max(own.get(k + side, 0.0), own.get(k + 2 * side, 0.0)) > MOVING for side in (-1, 1))
         )
-    return repeated
+        for name, own in changes.items()
+    }
 
 
 def _changes(dataset: Dataset, camera: str) -> dict[int, float]:

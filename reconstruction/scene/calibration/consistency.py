@@ -506,7 +506,8 @@ def find_mixups(views: Views, features: Mapping[str, Features]) -> list[tuple[st
         left = excluded
         now |= changed
         faults.append(fault)
-    if not left:
+    # Other poses may hide a turn of a camera that was moved, within the limit; the right ones fit.
+    if not left and not _odd(now, groups, limit * INCONSISTENT_PX / REFUSED_PX):
         return faults
     min_fraction, min_error = OTHER_RIG
     odd = _odd(views, groups, max(_refused_px(views), min_error * max(view.width for view in views.values())))

@@ -7,6 +7,7 @@ import pytest
 from msgspec import structs
 
 from reconstruction.method.timing import judge_timing
+from reconstruction.report.findings import sentences
 from reconstruction.time_offsets.crossings import (
     Crossings,
     InstantOffset,
@@ -15,7 +16,7 @@ from reconstruction.time_offsets.crossings import (
     fit_offset,
 )
 from reconstruction.time_offsets.instant_votes import Change, Step
-from reconstruction.time_offsets.pair_geometry import TERMS, geometry_terms
+from reconstruction.time_offsets.pair_geometry import ODDS_PX, TERMS, geometry_terms, places
 from tests.unit.reconstruction.time_offsets.test_pair_geometry import A, B, seen
 
 PERIOD_MS = 20.0
@@ -227,3 +228,45 @@ def test_an_offset_or_a_change_that_another_calibration_does_not_show_is_unknown
         found = fit.under([other])
         assert found.offset_ms is None
         assert "is a guess" in found.reason
+
+
+def test_bodies_that_disagree_vouch_for_no_number() -> None:
+    """A television of 25 pictures a second before people made "the same instant" of half a frame."""
+    seen = crossings(0.0, right=400, wrong=100)
+    in_corner = (places(seen.geometry) > 0).all(1)
+    other = replace(seen, offset_ms=seen.offset_ms + 14.0 * in_corner)
+    assert fit_offset(seen, NOTHING_STILL, PERIOD_MS).offset_ms == pytest.approx(0, abs=1)
+    found = fit_offset(other, NOTHING_STILL, PERIOD_MS)
+    assert found.offset_ms is None
+    assert "in a part of the picture they are +14 ms off the others" in found.reason
+
+
+@pytest.mark.parametrize("readout_ms", [-25.0, 12.0])
+def test_opposite_rolling_shutters_are_said_of_rows(readout_ms: float) -> None:
+    seen = crossings(2.0, right=400, wrong=100)
+    rows = replace(seen, offset_ms=seen.offset_ms + readout_ms * places(seen.geometry)[:, 1])
+    found = fit_offset(rows, NOTHING_STILL, 1.5 * PERIOD_MS)
+    assert found.rows_ms == pytest.approx(readout_ms, abs=1.5)
+    assert found.offset_ms is not None
+    assert found.sd_ms is not None
+    assert abs(found.offset_ms - 2.0) < 3 * found.sd_ms
+    timing = judge_timing(("L", "R"), found, 0.0, 1.5 * PERIOD_MS)
+    assert timing.offset
+    assert not timing.synchronized
+    said = sentences("timing.txt", timing=timing)
+    assert "their rows are of other times, and at the middle row R is" in said
+    assert "R's rows are read in another direction than L's, or at another speed" in said
+
+
+def test_one_offset_is_not_said_of_rows() -> None:
+    for seed in range(5):
+        assert fit_offset(crossings(5.0, seed=seed), NOTHING_STILL, PERIOD_MS).rows_ms == 0
+
+
+def test_what_is_small_shows_no_rows() -> None:
+    """A ball that falls shows each row at another time: a rate is not a rolling shutter."""
+    seen = crossings(2.0, right=400, wrong=0)
+    geometry = seen.geometry.copy()
+    geometry[:, 2] = ODDS_PX[1] * (seen.instant / 4 - 1)
+    falls = replace(seen, geometry=geometry, offset_ms=seen.offset_ms + 20.0 * (seen.instant / 4 - 1))
+    assert fit_offset(falls, NOTHING_STILL, PERIOD_MS).rows_ms == 0

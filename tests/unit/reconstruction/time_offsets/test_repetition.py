@@ -14,6 +14,7 @@ from reconstruction.method.timing import judge_timing
 from reconstruction.report.findings import sentences
 from reconstruction.scene.dataset import Dataset
 from reconstruction.time_offsets.crossings import InstantOffset, OffsetFit
+from reconstruction.time_offsets.pair_offset import PairOffsets
 from reconstruction.time_offsets.repetition import repetition_ms
 from reconstruction.time_offsets.rig_offsets import adjust_offsets, with_changes
 from reconstruction.time_offsets.session_offsets import TimeResult
@@ -112,3 +113,35 @@ def test_a_camera_whose_offset_another_pair_determines_has_one() -> None:
     measured = {("a", "b"): OffsetFit(0.0, 0.5, repeats_ms=400.0), ("b", "c"): OffsetFit(0.0, 0.5)}
     found = with_changes(adjust_offsets("abc", "a", measured), measured, PERIOD_MS)
     assert [found[name].images.repeats_ms for name in "abc"] == [0.0, 0.0, 0.0]
+
+
+def turning_ms(turn_deg: float, *, walking: int = 0, instants: int = 8) -> float:
+    """Return the period that is said of points on a disc, seen from aside, beside others that walk."""
+    rng = np.random.default_rng(3)
+    descriptors = rng.normal(0, 1, (60, 128))
+    descriptors /= np.linalg.norm(descriptors, axis=1, keepdims=True)
+    start, aside = rng.uniform(-50, 50, (60, 2)), np.array([[0.6, 0.1], [0.0, 1.0]])
+
+    def points(camera: str, instant: int, all_moves: bool) -> tuple[Array, Array]:
+        angle = np.radians(turn_deg * instant)
+        turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+        at = 100 + start @ (aside @ turn).T
+        at[:walking] = start[:walking] * (1 + 0.02 * instant) + 5.0 * instant
+        return descriptors, np.stack([at, at, at])
+
+    dataset = SimpleNamespace(has_image=lambda camera, k: k < instants, period_ns=round(PERIOD_MS * 1e6))
+    pair = cast("PairOffsets", SimpleNamespace(dataset=dataset, _points=points))
+    fit = OffsetFit(0.1, 0.3, instants=tuple(InstantOffset(k, 0.1, 0.5, 20) for k in range(instants)))
+    return PairOffsets._turning_ms(pair, "a", fit)
+
+
+@pytest.mark.parametrize("turn_deg", [30.0, -20.0])
+def test_a_take_shorter_than_a_turn_and_a_half_shows_the_period(turn_deg: float) -> None:
+    """A disc that turned once between two cameras was "the same instant", without a span."""
+    assert turning_ms(turn_deg) == pytest.approx(360 / abs(turn_deg) * PERIOD_MS, rel=0.01)
+
+
+def test_what_does_not_turn_or_walks_beside_has_no_period() -> None:
+    assert turning_ms(0.0) == 0
+    assert turning_ms(30.0, walking=20) == 0
+    assert turning_ms(30.0, instants=1) == 0

@@ -117,6 +117,22 @@ def test_every_door_refuses_what_the_pictures_contradict(
     assert not (bare.folder / "calibration.json").exists()
 
 
+def test_a_comparison_refuses_its_session_s_wrong_lenses(
+    bare: Session,  # noqa: F811
+    wrong: Path,
+    tmp_path: Path,
+    reconstruct: Reconstruct,
+) -> None:
+    folder = shutil.copytree(bare.folder, tmp_path / "session")
+    shutil.copy(wrong, folder / "calibration.json")
+    given = reconstruct(
+        "compare", folder, "--offset-ms", "33", "--study", "stereo", "--out", tmp_path / "out"
+    )
+    assert given.code != 0
+    assert "does not hold for its pictures: the calibration gives a" in given.complaint
+    check_figures(given.complaint, "a", 1.2)
+
+
 def test_a_kept_calibration_with_wrong_lenses_is_not_used(
     bare: Session,  # noqa: F811
     capsys: pytest.CaptureFixture[str],

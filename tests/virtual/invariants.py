@@ -346,7 +346,7 @@ def _excused(rig: VirtualRig, of: OrderedBurst, camera: str) -> list[tuple[float
         is_around = span.from_ns <= of.ordered_ns + BEFORE_S * 1e9
         if is_around and span.target in around and span.kind not in HARMLESS:
             excused.append((-math.inf, span.until_ns + AFTER_S * 1e9))
-            if span.target == camera and span.kind in (*ENDS, "camera-lost", "freeze", "cut"):
+            if span.target == camera and span.kind in (*ENDS, "camera-lost", "freeze", "sleep", "cut"):
                 excused.append((-math.inf, asked_again(span.from_ns)))
     for span in own:
         from_ns = span.from_ns - LOST_S.get(span.kind, 0) * 1e9
@@ -355,7 +355,7 @@ def _excused(rig: VirtualRig, of: OrderedBurst, camera: str) -> list[tuple[float
             # What was on its way to a disk that fails stays in memory as well.
             lost_ns = [disk_ns - LOST_S["kill"] * 1e9 for disk_ns in on_disk]
             excused.append((min([from_ns, *lost_ns]), asked_again(span.until_ns)))
-        elif span.kind == "freeze":
+        elif span.kind in ("freeze", "sleep"):
             excused.append((from_ns, span.until_ns + AFTER_S * 1e9))
     return excused
 

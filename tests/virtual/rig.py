@@ -43,29 +43,49 @@ RESTART_S = 2.0
 
 
 class MachineClock:
-    """A machine's clock: an offset, a skew, and slews of an NTP daemon."""
+    """A machine's clock: an offset, a skew, slews of an NTP daemon, and sleeps in which it stands still."""
 
     def __init__(self, world: World, machine: str) -> None:
         chance = world.chance("clock", machine)
         self._world = world
         self._offset_ns, self._ppm = round(chance.uniform(1, 9) * 3.6e12), chance.uniform(-50, 50)
         self._slews: list[tuple[int, int, float]] = []
+        self._sleeps: list[tuple[int, int]] = []
+        """True times of the machine's sleeps, the first one first."""
+
+    def sleep(self, seconds: float) -> None:
+        """Stand still for a while, from now on."""
+        now_ns = self._world.now_ns
+        self._sleeps.append((now_ns, now_ns + round(seconds * 1e9)))
+
+    def asleep_ns(self, true_ns: int) -> int:
+        """Return for how long the machine has slept until a true time, ns."""
+        return sum(max(0, min(true_ns, ends_ns) - begins_ns) for begins_ns, ends_ns in self._sleeps)
 
     def slew(self, ppm: float, seconds: float) -> None:
         """Run faster by so much for a while, from now on."""
         now_ns = self._world.now_ns
         self._slews.append((now_ns, now_ns + round(seconds * 1e9), ppm))
 
+    def is_asleep(self, true_ns: int) -> bool:
+        """Return whether the machine sleeps at a true time, ns."""
+        return any(begins_ns <= true_ns < ends_ns for begins_ns, ends_ns in self._sleeps)
+
     def local_from_true(self, true_ns: int) -> int:
         """Return the reading at a true time, ns."""
         gained = self._ppm * (true_ns - 10**12) / 1e6
         for begins_ns, ends_ns, ppm in self._slews:
             gained += ppm * max(0, min(true_ns, ends_ns) - begins_ns) / 1e6
-        return true_ns + self._offset_ns + round(gained)
+        return true_ns + self._offset_ns + round(gained) - self.asleep_ns(true_ns)
 
     def true_from_local(self, local_ns: int) -> int:
         """Return the true time of a reading, to some ns."""
-        true_ns = local_ns - self._offset_ns
+        slept_ns = sum(
+            ends_ns - begins_ns
+            for begins_ns, ends_ns in self._sleeps
+            if local_ns > self.local_from_true(begins_ns)
+        )
+        true_ns = local_ns - self._offset_ns + slept_ns
         for _ in range(4):
             true_ns += local_ns - self.local_from_true(true_ns)
         return true_ns
@@ -117,6 +137,7 @@ class VirtualRig:
         self._awake_until_ns: Counter[str] = Counter()
         world.network.shape = self._shape_link
         world.on_end = self._restart_later
+        world.asleep_ns = lambda machine: self.clocks[machine].asleep_ns(world.now_ns)
 
     def _lay_foreign_files(self, camera: str) -> None:
         """Put what no node wrote into a camera's spool: a file, a folder of another program, and a link."""
@@ -445,6 +466,13 @@ class VirtualRig:
         self.world.freeze(step.target)
         await asyncio.sleep(step.seconds)
         self.world.thaw(one)
+
+    async def _sleep(self, step: Step) -> None:
+        """Suspend a machine with its clock; its processor, cameras and network stand still."""
+        self.clocks[step.target].sleep(step.seconds)
+        self.world.network.cut(step.target, is_cut=True)
+        await self._freeze(step)
+        self.world.network.cut(step.target, is_cut=False)
 
     async def _cut(self, step: Step) -> None:
         self.world.network.cut(step.target, is_cut=True)

@@ -63,6 +63,18 @@ def test_what_is_cut_off_is_fetched_afterwards(
     assert missing == []
 
 
+@pytest.mark.parametrize("after_s", [2.0, 30.0])
+@pytest.mark.parametrize("lasts_s", [0.7, 2.5, 15.0, 60.0])
+def test_a_machine_that_slept_lacks_what_it_slept_through_and_says_so(
+    monkeypatch: pytest.MonkeyPatch, lasts_s: float, after_s: float
+) -> None:
+    sleep = Step(BEGINS_S + after_s, "sleep", "cam0", 0.0, lasts_s)
+    _, missing = record(monkeypatch, sleep)
+    assert {gap.split("/")[0] for gap in missing} == {"cam0"}
+    assert {gap.split(": ")[1] for gap in missing} == {"its machine slept"}
+    assert len(missing) <= 10 * min(lasts_s, ORDERED_S - after_s) + 6
+
+
 @pytest.mark.parametrize("how", ["kill", "power"])
 def test_a_node_that_ends_in_a_cut_keeps_what_it_took_and_does_not_end_the_recording_of_the_others(
     monkeypatch: pytest.MonkeyPatch, how: str

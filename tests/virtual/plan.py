@@ -127,8 +127,8 @@ def draw(seed: int) -> Plan:
     away = random.Random(f"away {seed}")
     if not has_standby and away.random() < 0.2:
         steps += _all_away(away, away.uniform(SETTLE_S, seconds - 10), cameras)
-    asleep = random.Random(f"asleep {seed}")
-    if asleep.random() < 0.1:
+    asleep = random.Random(f"sleeping laptop {seed}")
+    if asleep.random() > 0.92:
         steps += _asleep(asleep, asleep.uniform(SETTLE_S, seconds - 10), honest)
     at_end = random.Random(f"away at its end {seed}")
     if not has_standby and at_end.random() < 0.06:

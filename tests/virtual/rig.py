@@ -38,6 +38,8 @@ ASYMMETRY = 0.1
 """Standard deviation of the difference of a path's two delays, relative to their sum, as nodes assume it."""
 BEACON_NS, AWAKE_NS = 102_400_000, 60_000_000
 """Interval at which a phone that saves power listens, and how long it listens after it has sent something."""
+BOOT_NS = 15_000_000_000
+"""Reading of a machine's clock at its start."""
 RESTART_S = 2.0
 """Time after which a process that ended by itself is started again."""
 
@@ -48,10 +50,18 @@ class MachineClock:
     def __init__(self, world: World, machine: str) -> None:
         chance = world.chance("clock", machine)
         self._world = world
-        self._offset_ns, self._ppm = round(chance.uniform(1, 9) * 3.6e12), chance.uniform(-50, 50)
+        offset_ns, self._ppm = round(chance.uniform(1, 9) * 3.6e12), chance.uniform(-50, 50)
         self._slews: list[tuple[int, int, float]] = []
+        self._boots: list[tuple[int, int]] = [(0, offset_ns)]
+        """True times of the machine's starts, each with its offset."""
         self._sleeps: list[tuple[int, int]] = []
         """True times of the machine's sleeps, the first one first."""
+
+    def restart(self) -> None:
+        """Begin anew, as at a start of the machine; later readings are converted only."""
+        now_ns = self._world.now_ns
+        self._boots.append((now_ns, BOOT_NS - now_ns))
+        self._sleeps.clear()
 
     def sleep(self, seconds: float) -> None:
         """Stand still for a while, from now on."""
@@ -76,16 +86,20 @@ class MachineClock:
         gained = self._ppm * (true_ns - 10**12) / 1e6
         for begins_ns, ends_ns, ppm in self._slews:
             gained += ppm * max(0, min(true_ns, ends_ns) - begins_ns) / 1e6
-        return true_ns + self._offset_ns + round(gained) - self.asleep_ns(true_ns)
+        offset_ns = next(of for began_ns, of in reversed(self._boots) if began_ns <= true_ns)
+        return true_ns + offset_ns + round(gained) - self.asleep_ns(true_ns)
 
-    def true_from_local(self, local_ns: int) -> int:
-        """Return the true time of a reading, to some ns."""
+    def true_from_local(self, local_ns: int, near_ns: int | None = None) -> int:
+        """Return the true time of a reading since the machine's start, or of one `near_ns`, to some ns."""
         slept_ns = sum(
             ends_ns - begins_ns
             for begins_ns, ends_ns in self._sleeps
             if local_ns > self.local_from_true(begins_ns)
         )
-        true_ns = local_ns - self._offset_ns + slept_ns
+        _, offset_ns = self._boots[-1]
+        if near_ns is not None:
+            _, offset_ns = min(self._boots, key=lambda boot: abs(local_ns - boot[1] - near_ns))
+        true_ns = local_ns - offset_ns + slept_ns
         for _ in range(4):
             true_ns += local_ns - self.local_from_true(true_ns)
         return true_ns
@@ -445,6 +459,8 @@ class VirtualRig:
             disk = self.world.disks.of(step.target)
             disk.is_failing = disk.is_full = False
             self.world.disks.cut_power(step.target)
+            if step.target in self.plan.cameras:
+                self.clocks[step.target].restart()
 
         await self._down_for(step, cut())
 

@@ -302,7 +302,7 @@ class Client(TimeClient, Generic[F]):
             self._reported = self._answered = False
             if welcome.config.path[0] != self._root:
                 # Bursts belong to the root and use its time: another relay of the root changes nothing.
-                self._events.extend(self._bursts.keep_ordered())
+                self._events.extend(self._bursts.keep_ordered(has_time=time_map is not None))
                 if self._bursts and grid is not None and time_map is not None:
                     self._earlier.append((self._bursts, grid, time_map))
                 self._bursts, self._root = FrameSelection(self._bursts), welcome.config.path[0]

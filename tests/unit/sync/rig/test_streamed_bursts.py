@@ -161,20 +161,27 @@ def test_a_machine_that_slept_knows_no_time_until_it_has_asked_again() -> None:
     assert not rig.nodes["cam1"].bursts[burst.number].gaps
 
 
-def test_a_burst_of_a_lost_leader_ends_with_a_sleep_as_its_time_is_lost() -> None:
+@pytest.mark.parametrize("is_before", [True, False])
+def test_a_burst_of_a_lost_leader_ends_with_a_sleep_as_its_time_is_lost(*, is_before: bool) -> None:
+    """It was selected by the time from before, or never ended, so that its last image stayed on its node."""
     rig = rig_of_two()
     burst = rig.trigger(frames=300, streamed=True)
     assert rig.run_until(lambda: rig.now_true_ns > burst.instants_ns[52], limit_ns=10 * S)
     rig.suspend_leader()
     rig.run_for(2 * S)
+    node = rig.nodes["cam1"]
+    if is_before:
+        node.client.wake_up(12 * S, node.spec.clock.local_from_true(rig.now_true_ns))
     rig.wake_leader()
     rig.restart_leader()
-    client = rig.nodes["cam1"].client
-    assert rig.run_until(lambda: client.is_member and client.has_burst_pending, limit_ns=60 * S)
-    client.wake_up(12 * S, rig.nodes["cam1"].spec.clock.local_from_true(rig.now_true_ns))
-    (end,) = (of for of in iter(client.next_event, None) if isinstance(of, FramesSelected) and of.ended)
-    assert end.over < 300
-    assert not client.has_burst_pending
+    assert rig.run_until(lambda: node.client.is_member, limit_ns=60 * S)
+    if not is_before:
+        assert node.client.has_burst_pending
+        node.client.wake_up(12 * S, node.spec.clock.local_from_true(rig.now_true_ns))
+    rig.run_for(S)
+    assert not node.client.has_burst_pending
+    assert node.bursts[burst.number].over < 300
+    assert node.bursts[burst.number].ended
 
 
 @pytest.mark.parametrize("lost_s", [0, 2])

@@ -38,6 +38,8 @@ ASYMMETRY = 0.1
 """Standard deviation of the difference of a path's two delays, relative to their sum, as nodes assume it."""
 BEACON_NS, AWAKE_NS = 102_400_000, 60_000_000
 """Interval at which a phone that saves power listens, and how long it listens after it has sent something."""
+FRAME_NS = 100_000_000
+"""Time that a frame takes."""
 BOOT_NS = 15_000_000_000
 """Reading of a machine's clock at its start."""
 RESTART_S = 2.0
@@ -78,8 +80,10 @@ class MachineClock:
         self._slews.append((now_ns, now_ns + round(seconds * 1e9), ppm))
 
     def is_asleep(self, true_ns: int) -> bool:
-        """Return whether the machine sleeps at a true time, ns."""
-        return any(begins_ns <= true_ns < ends_ns for begins_ns, ends_ns in self._sleeps)
+        """Return whether the machine sleeps at a true time, ns, or so soon before or after that no frame is whole."""
+        return any(
+            begins_ns - FRAME_NS <= true_ns < ends_ns + FRAME_NS for begins_ns, ends_ns in self._sleeps
+        )
 
     def local_from_true(self, true_ns: int) -> int:
         """Return the reading at a true time, ns."""

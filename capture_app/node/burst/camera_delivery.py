@@ -192,7 +192,7 @@ class CameraDelivery:
 
 
 def _another_clock(known: CameraRecord, newer: CameraRecord) -> Iterator[WidenedTimes]:
-    """Yield how far a later run's clock record is from the known one: an interval without times, at its start.
+    """Yield by how much a later run's clock record differs: an interval of no length, at its start.
 
     No time is wrong for it; it says which images the known record does not convert.
     """

@@ -26,6 +26,8 @@ F = TypeVar("F", bound=Callable[..., Any])
 T = TypeVar("T")
 ANY_PATH = click.Path(path_type=Path)
 FOLDER = click.Path(path_type=Path, file_okay=False)
+SAME_SIGNAL_S = 3.0
+"""Time within which further requests to end a process count as the first one, in seconds."""
 PHONES = "phones"
 """Command that a leader runs to accept phones as cameras."""
 FOLLOWERS = "simulshot.followers"
@@ -198,15 +200,26 @@ def restrict_file_access() -> None:
 def run_until_stopped(work: Coroutine[Any, Any, T], *, until_eof: bool = False) -> T:
     """Run a coroutine until it is done, or until SIGINT, SIGTERM or SIGHUP; return its result.
 
-    Its output never waits for the reader. `until_eof`: stop also when stdin, a pipe, closes, because the
-    parent process has ended.
+    A later signal also cancels the work's own tasks, which may still save something. Its output never waits
+    for the reader. `until_eof`: stop also when stdin, a pipe, closes, because the parent process has ended.
     """
 
     async def stoppable() -> T:
-        task = asyncio.ensure_future(work)
-        system.on_end(task.cancel)
+        task, loop = asyncio.ensure_future(work), asyncio.get_running_loop()
+        asked_s: list[float] = []
+
+        def end() -> None:
+            # A service manager signals this process and its parent, which passes that on.
+            if asked_s and loop.time() - asked_s[0] > SAME_SIGNAL_S:
+                for other in asyncio.all_tasks(loop):
+                    other.cancel()
+            elif not asked_s:
+                task.cancel()
+            asked_s.append(loop.time())
+
+        system.on_end(end)
         if until_eof:
-            system.watch_input(lambda data: data or task.cancel())
+            system.watch_input(lambda data: data or asked_s or end())
         return await task
 
     wait_for_no_reader()

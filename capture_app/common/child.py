@@ -115,17 +115,18 @@ class Child:
             if self.process.returncode is None:
                 system.signal_group(self.process.pid, what)
 
-    async def stop(self) -> None:
-        """Ask the process and all its children to end, and kill those that do not."""
+    async def stop(self, timeout_s: float = CHILD_STOP_TIMEOUT_S) -> bool:
+        """Ask the process and all its children to end, and kill those that do not; return whether they did."""
         with suppress(ProcessLookupError):
             for how in ("end", "kill"):
                 system.signal_group(self.process.pid, how)
                 with suppress(TimeoutError):
-                    async with asyncio.timeout(CHILD_STOP_TIMEOUT_S):
+                    async with asyncio.timeout(timeout_s):
                         await self.process.wait()
                         break
         await self.process.wait()
         self.listening.cancel()
+        return how == "end"
 
 
 async def ask_reconstruct(

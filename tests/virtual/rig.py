@@ -80,7 +80,7 @@ class MachineClock:
         self._slews.append((now_ns, now_ns + round(seconds * 1e9), ppm))
 
     def is_asleep(self, true_ns: int) -> bool:
-        """Return whether the machine sleeps at a true time, ns, or so soon before or after that no frame is whole."""
+        """Return whether the machine sleeps at a true time, ns, or within a frame before or after."""
         return any(
             begins_ns - FRAME_NS <= true_ns < ends_ns + FRAME_NS for begins_ns, ends_ns in self._sleeps
         )

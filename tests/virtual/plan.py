@@ -239,7 +239,8 @@ def _asleep(rng: random.Random, at_s: float, cameras: tuple[str, ...]) -> list[S
         if rng.random() < 0.7
         else Step(at_s, "burst", "desk", 8.0)
     )
-    return [take, Step(at_s + rng.uniform(0.2, 5), "sleep", rng.choice(cameras), 0.0, rng.uniform(0.3, 15))]
+    machine, error_s = rng.choice((*cameras, "lead")), rng.uniform(-1, 1)
+    return [take, Step(at_s + rng.uniform(0.2, 5), "sleep", machine, error_s, rng.uniform(1, 15))]
 
 
 def _away_at_end(rng: random.Random, at_s: float, cameras: tuple[str, ...]) -> list[Step]:

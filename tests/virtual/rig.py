@@ -56,8 +56,8 @@ class MachineClock:
         self._slews: list[tuple[int, int, float]] = []
         self._boots: list[tuple[int, int]] = [(0, offset_ns)]
         """True times of the machine's starts, each with its offset."""
-        self._sleeps: list[tuple[int, int]] = []
-        """True times of the machine's sleeps, the first one first."""
+        self._sleeps: list[tuple[int, int, int]] = []
+        """True times of the machine's sleeps, the first one first, and the clock's error after each, ns."""
 
     def restart(self) -> None:
         """Begin anew, as at a start of the machine; later readings are converted only."""
@@ -65,14 +65,24 @@ class MachineClock:
         self._boots.append((now_ns, BOOT_NS - now_ns))
         self._sleeps.clear()
 
-    def sleep(self, seconds: float) -> None:
-        """Stand still for a while, from now on."""
+    def sleep(self, seconds: float, error_s: float) -> None:
+        """Sleep from now on, and get an error by it: that of its measured length; all of it if it stands."""
         now_ns = self._world.now_ns
-        self._sleeps.append((now_ns, now_ns + round(seconds * 1e9)))
+        self._sleeps.append((now_ns, now_ns + round(seconds * 1e9), round(error_s * 1e9)))
 
-    def asleep_ns(self, true_ns: int) -> int:
-        """Return for how long the machine has slept until a true time, ns."""
-        return sum(max(0, min(true_ns, ends_ns) - begins_ns) for begins_ns, ends_ns in self._sleeps)
+    def slept_ns(self) -> int:
+        """Return for how long the machine has slept, ns."""
+        return sum(
+            ends_ns - begins_ns for begins_ns, ends_ns, _ in self._sleeps if ends_ns <= self._world.now_ns
+        )
+
+    def _error_ns(self, true_ns: int) -> int:
+        """Return the clock's error by sleeps until a true time, ns."""
+        return sum(
+            error_ns * min(true_ns - begins_ns, ends_ns - begins_ns) // (ends_ns - begins_ns)
+            for begins_ns, ends_ns, error_ns in self._sleeps
+            if true_ns > begins_ns
+        )
 
     def slew(self, ppm: float, seconds: float) -> None:
         """Run faster by so much for a while, from now on."""
@@ -82,7 +92,7 @@ class MachineClock:
     def is_asleep(self, true_ns: int) -> bool:
         """Return whether the machine sleeps at a true time, ns, or within a frame before or after."""
         return any(
-            begins_ns - FRAME_NS <= true_ns < ends_ns + FRAME_NS for begins_ns, ends_ns in self._sleeps
+            begins_ns - FRAME_NS <= true_ns < ends_ns + FRAME_NS for begins_ns, ends_ns, _ in self._sleeps
         )
 
     def local_from_true(self, true_ns: int) -> int:
@@ -91,19 +101,15 @@ class MachineClock:
         for begins_ns, ends_ns, ppm in self._slews:
             gained += ppm * max(0, min(true_ns, ends_ns) - begins_ns) / 1e6
         offset_ns = next(of for began_ns, of in reversed(self._boots) if began_ns <= true_ns)
-        return true_ns + offset_ns + round(gained) - self.asleep_ns(true_ns)
+        return true_ns + offset_ns + round(gained) + self._error_ns(true_ns)
 
     def true_from_local(self, local_ns: int, near_ns: int | None = None) -> int:
         """Return the true time of a reading since the machine's start, or of one `near_ns`, to some ns."""
-        slept_ns = sum(
-            ends_ns - begins_ns
-            for begins_ns, ends_ns in self._sleeps
-            if local_ns > self.local_from_true(begins_ns)
-        )
+        error_ns = sum(of for _, ends_ns, of in self._sleeps if local_ns >= self.local_from_true(ends_ns))
         _, offset_ns = self._boots[-1]
         if near_ns is not None:
             _, offset_ns = min(self._boots, key=lambda boot: abs(local_ns - boot[1] - near_ns))
-        true_ns = local_ns - offset_ns + slept_ns
+        true_ns = local_ns - offset_ns - error_ns
         for _ in range(4):
             true_ns += local_ns - self.local_from_true(true_ns)
         return true_ns
@@ -155,7 +161,7 @@ class VirtualRig:
         self._awake_until_ns: Counter[str] = Counter()
         world.network.shape = self._shape_link
         world.on_end = self._restart_later
-        world.asleep_ns = lambda machine: self.clocks[machine].asleep_ns(world.now_ns)
+        world.slept_ns = lambda machine: self.clocks[machine].slept_ns()
 
     def _lay_foreign_files(self, camera: str) -> None:
         """Put what no node wrote into a camera's spool: a file, a folder of another program, and a link."""
@@ -488,8 +494,8 @@ class VirtualRig:
         self.world.thaw(one)
 
     async def _sleep(self, step: Step) -> None:
-        """Suspend a machine with its clock; its processor, cameras and network stand still."""
-        self.clocks[step.target].sleep(step.seconds)
+        """Suspend a machine with its cameras and network; its clock is off by the value afterwards, in s."""
+        self.clocks[step.target].sleep(step.seconds, step.value)
         self.world.network.cut(step.target, is_cut=True)
         await self._freeze(step)
         self.world.network.cut(step.target, is_cut=False)

@@ -15,7 +15,7 @@ from msgspec.structs import replace
 
 from capture_app.cameras.base import Camera
 from capture_app.cameras.frames import CapturedFrame
-from capture_app.common import system
+from capture_app.common import host_clock
 from capture_app.common.address import Address
 from capture_app.common.camera_facts import (
     CameraControls,
@@ -39,8 +39,6 @@ REFUSALS = (SimulshotError, OSError)
 LOOK_EVERY_S = 2.0
 """Interval between reads of the values that the camera has chosen."""
 RETRY_S = 2.0
-MIN_SLEEP_NS = 100_000_000
-"""Shortest sleep of a machine that is noticed as such: far above the resolution of Windows' clocks."""
 SILENCE_TICK_S, SILENT_TICKS, SILENT_PERIODS = 1.0, 10, 30
 """A camera has failed without a frame for so many ticks in a row, each of this length or of so many periods.
 
@@ -212,7 +210,7 @@ class CameraSupervisor:
         self.measured_stamp: StampAccuracy | None = None
         """Timestamp accuracy measured in this run, for `update_facts`."""
         self.receivers: list[Callable[[CapturedFrame], None]] = []
-        self._asleep_ns = system.asleep_ns()
+        self._slept_ns = host_clock.slept_ns()
         self._commands: asyncio.Queue[tuple[CameraCommand, int]] = asyncio.Queue()
         """Commands, each with the local time in ns at which the engine computed it."""
         self._engine_ns = 0
@@ -269,10 +267,9 @@ class CameraSupervisor:
 
     def notice_sleep(self) -> None:
         """Tell the engine if the machine has slept since the last call."""
-        asleep_ns = system.asleep_ns()
-        if (slept_ns := asleep_ns - self._asleep_ns) > MIN_SLEEP_NS:
-            self._asleep_ns = asleep_ns
-            self._engine.wake_up(slept_ns, self._options.clock.now_ns())
+        before_ns, self._slept_ns = self._slept_ns, host_clock.slept_ns()
+        if self._slept_ns > before_ns:
+            self._engine.wake_up(self._slept_ns - before_ns, self._options.clock.now_ns())
 
     def collect_commands(self) -> None:
         """Queue the engine's commands for the camera, and lock its controls while a burst is captured."""

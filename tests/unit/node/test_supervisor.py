@@ -10,7 +10,7 @@ import pytest
 from msgspec.structs import replace
 
 from capture_app.cameras.frames import CapturedFrame
-from capture_app.common import system
+from capture_app.common import host_clock
 from capture_app.common.errors import CameraError
 from capture_app.node.camera import supervisor
 from capture_app.node.camera.supervisor import CameraSupervisor, NodeOptions
@@ -186,9 +186,9 @@ async def test_a_sleep_is_noticed_before_the_frames_after_it(
 ) -> None:
     first = await bench.next_camera()
     await started(first)
-    asleep_ns = bench.supervisor._asleep_ns
-    for number, slept_ns in enumerate((50_000_000, 3_000_000_000, 3_000_000_000)):
-        monkeypatch.setattr(system, "asleep_ns", lambda ns=slept_ns: ns + asleep_ns)
+    before_ns = host_clock.slept_ns()
+    for number, slept_ns in enumerate((0, 3_000_000_000, 3_000_000_000)):
+        monkeypatch.setattr(host_clock, "slept_ns", lambda ns=slept_ns: ns + before_ns)
         first.on_frame(frame(number))
         await asyncio.sleep(0)
     assert bench.slept == [(3_000_000_000, 1)], "after a batch of frames, and before the next one"

@@ -198,7 +198,7 @@ def _another_clock(known: CameraRecord, newer: CameraRecord) -> Iterator[Widened
     """
     before, clock = known.clock, newer.clock
     if before is not None and clock is not None and before != clock:
-        at_ns = max(-CENTURY_NS, clock.epoch_local_ns - RING_NS)
+        at_ns = max(-CENTURY_NS, clock.epoch_local_ns - 2 * RING_NS)
         apart_ns = abs(clock.leader_from_local(at_ns) - before.leader_from_local(at_ns))
         yield WidenedTimes(
             from_local_ns=at_ns,

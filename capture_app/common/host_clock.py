@@ -28,7 +28,9 @@ RAW_CLOCK: int | None = getattr(time, "CLOCK_MONOTONIC_RAW", None) if sys.platfo
 
 def host_ns() -> int:
     """Return the host's clock now, in ns: CLOCK_MONOTONIC_RAW on Linux, CLOCK_MONOTONIC elsewhere."""
-    return system.monotonic_ns() if RAW_CLOCK is None else time.clock_gettime_ns(RAW_CLOCK)
+    if sys.platform != "win32" and RAW_CLOCK is not None:
+        return time.clock_gettime_ns(RAW_CLOCK)
+    return system.monotonic_ns()
 
 
 _asleep_ns = [max(system.asleep_ns() for _ in range(TRIES))]

@@ -116,9 +116,7 @@ def node(
 
     if len(name.encode()) > MAX_TEXT:
         raise BadInputError(f"--name has over {MAX_TEXT} bytes", hint="give this node a shorter one")
-    # Names without a letter of ASCII differ by the machines' names, and those of one machine by a checksum.
-    own = f"{name_like(socket.gethostname(), 'node')}-{crc32(label_key(name).encode()) % 10_000:04}-"
-    (folder,) = folder_names([name], "node", own)
+    folder = _folder_of(name, specs, spool)
     named = name_cameras(folder, specs)
     if at_boot is not None:
         _arrange_boot(folder, name, at_boot, yes)
@@ -147,6 +145,20 @@ def node(
     }
     system.raise_thread_priority()
     run_until_stopped(run_nodes(nodes, Log(log_line)), until_eof=until_eof)
+
+
+def _folder_of(name: str, specs: tuple[str, ...], spool: Path) -> str:
+    """Return the name of a node's folders: its own, or what is nearest to it.
+
+    Names without a letter of ASCII differ by the machines' names, and those of one machine by a checksum; a
+    spool that has none of it is gone on with.
+    """
+    from capture_app.node.camera.node_group import name_cameras
+
+    own = name_like(socket.gethostname(), "node")
+    if not any((spool / camera).is_dir() for camera in name_cameras(f"{own}0", specs)):
+        own += f"-{crc32(label_key(name).encode()) % 10_000:04}-"
+    return folder_names([name], "node", own)[0]
 
 
 def _log_line_of(name: str, line: str) -> None:

@@ -15,7 +15,7 @@ from platformdirs import user_state_path
 
 from capture_app.common import system
 from capture_app.common.address import DEFAULT_PORT, Address, parse_address
-from capture_app.common.errors import NotAvailableError
+from capture_app.common.errors import ExitCode, NotAvailableError
 from capture_app.common.names import check_name, name_like
 from capture_app.common.plugins import load_plugins
 from capture_app.common.stagger import Stagger
@@ -26,6 +26,11 @@ F = TypeVar("F", bound=Callable[..., Any])
 T = TypeVar("T")
 ANY_PATH = click.Path(path_type=Path)
 FOLDER = click.Path(path_type=Path, file_okay=False)
+SAME_SIGNAL_S = 3.0
+"""Time within which further requests to end a process count as the first one, in seconds.
+
+A service manager signals a process and its parent, which passes that on.
+"""
 PHONES = "phones"
 """Command that a leader runs to accept phones as cameras."""
 FOLLOWERS = "simulshot.followers"
@@ -198,21 +203,39 @@ def restrict_file_access() -> None:
 def run_until_stopped(work: Coroutine[Any, Any, T], *, until_eof: bool = False) -> T:
     """Run a coroutine until it is done, or until SIGINT, SIGTERM or SIGHUP; return its result.
 
-    Its output never waits for the reader. `until_eof`: stop also when stdin, a pipe, closes, because the
-    parent process has ended.
+    The work may still save something then; a later request ends the process at once. Its output never waits
+    for the reader. `until_eof`: stop also when stdin, a pipe, closes, because the parent process has ended.
     """
 
+    running: list[asyncio.Future[T]] = []
+
     async def stoppable() -> T:
-        task = asyncio.ensure_future(work)
-        system.on_end(task.cancel)
+        task, loop = asyncio.ensure_future(work), asyncio.get_running_loop()
+        running.append(task)
+        asked_s: list[float] = []
+
+        def end(data: bytes = b"") -> None:
+            if data or (asked_s and loop.time() - asked_s[0] <= SAME_SIGNAL_S):
+                return
+            if asked_s:
+                os._exit(ExitCode.INTERRUPTED)
+            asked_s.append(loop.time())
+            task.cancel()
+
+        system.on_end(end)
         if until_eof:
-            system.watch_input(lambda data: data or task.cancel())
+            system.watch_input(end)
         return await task
 
     wait_for_no_reader()
     restrict_file_access()
     try:
         with asyncio.Runner(loop_factory=system.new_event_loop) as runner:
-            return runner.run(stoppable())
+            try:
+                return runner.run(stoppable())
+            except KeyboardInterrupt:
+                if not all(task.done() for task in running):  # Ctrl-C again
+                    os._exit(ExitCode.INTERRUPTED)
+                raise
     except asyncio.CancelledError:
         raise KeyboardInterrupt from None

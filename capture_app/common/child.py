@@ -115,17 +115,19 @@ class Child:
             if self.process.returncode is None:
                 system.signal_group(self.process.pid, what)
 
-    async def stop(self) -> None:
-        """Ask the process and all its children to end, and kill those that do not."""
-        with suppress(ProcessLookupError):
-            for how in ("end", "kill"):
-                system.signal_group(self.process.pid, how)
-                with suppress(TimeoutError):
-                    async with asyncio.timeout(CHILD_STOP_TIMEOUT_S):
-                        await self.process.wait()
-                        break
-        await self.process.wait()
-        self.listening.cancel()
+    async def stop(self, timeout_s: float = CHILD_STOP_TIMEOUT_S) -> bool:
+        """Ask the process and all its children to end, and kill what does not; return whether it did."""
+        self._signal("end")
+        try:
+            async with asyncio.timeout(timeout_s):
+                await self.process.wait()
+        except TimeoutError:
+            return False
+        finally:
+            self._signal("kill")
+            await self.process.wait()
+            self.listening.cancel()
+        return True
 
 
 async def ask_reconstruct(

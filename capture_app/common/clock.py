@@ -5,14 +5,15 @@ the error of an estimate between simulated nodes is known.
 """
 
 import random
+import sys
 from dataclasses import dataclass
 from typing import Protocol
 
 from msgspec import Struct
 
+from capture_app.common import host_clock
 from capture_app.common.bounds import TimeNs
 from capture_app.common.errors import BadInputError
-from capture_app.common.host_clock import host_ns
 
 MAX_SKEW_PPM = 1000.0
 SEEDED_SKEW_PPM = 50.0
@@ -35,19 +36,23 @@ class NodeClock(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class HostClock:
-    """The host's clock, unchanged."""
+    """The host's clock, which goes on while the machine sleeps: a leader that slept has the time of its rig.
+
+    Only Windows' clock does so by itself. The length of a sleep is known to a second or better.
+    """
 
     def local_from_true(self, true_ns: int) -> int:
-        """Return `true_ns` itself: this clock is the true time."""
-        return true_ns
+        """Return the reading at a true time since the machine's last sleep, in ns."""
+        return true_ns + (0 if sys.platform == "win32" else host_clock.slept_ns())
 
     def true_from_local(self, local_ns: int) -> int:
-        """Return `local_ns` itself: this clock is the true time."""
-        return local_ns
+        """Return the true time of a reading since the machine's last sleep, in ns."""
+        return local_ns - self.local_from_true(0)
 
     def now_ns(self) -> int:
         """Return the host's clock now, in ns."""
-        return host_ns()
+        # The clock is read last: each microsecond until a datagram leaves would be an error of time.
+        return self.local_from_true(0) + host_clock.host_ns()
 
 
 class SimulatedClock(Struct, frozen=True, forbid_unknown_fields=True):
@@ -78,7 +83,7 @@ class SimulatedClock(Struct, frozen=True, forbid_unknown_fields=True):
 
     def now_ns(self) -> int:
         """Return the reading of this clock now, in ns."""
-        return self.local_from_true(host_ns())
+        return self.local_from_true(host_clock.host_ns())
 
     @property
     def _skew_units(self) -> int:

@@ -20,13 +20,28 @@ APART_NS = 1_000_000
 """Minimum time between two pairs that are kept, but for the newest: 500 ppm are half a microsecond in it."""
 
 
+MIN_SLEEP_NS = 100_000_000
+"""Shortest sleep of a machine that counts: far above the resolution of Windows' clocks."""
 RAW_CLOCK: int | None = getattr(time, "CLOCK_MONOTONIC_RAW", None) if sys.platform == "linux" else None
 """The clock that nothing slews; None where the system has none."""
 
 
 def host_ns() -> int:
     """Return the host's clock now, in ns: CLOCK_MONOTONIC_RAW on Linux, CLOCK_MONOTONIC elsewhere."""
-    return system.monotonic_ns() if RAW_CLOCK is None else time.clock_gettime_ns(RAW_CLOCK)
+    if sys.platform != "win32" and RAW_CLOCK is not None:
+        return time.clock_gettime_ns(RAW_CLOCK)
+    return system.monotonic_ns()
+
+
+_asleep_ns = [max(system.asleep_ns() for _ in range(TRIES))]
+"""Times that the machine had slept when this process began, and after each sleep since then."""
+
+
+def slept_ns() -> int:
+    """Return for how long the machine has slept since this process began, in ns; it changes at a sleep."""
+    if (asleep_ns := system.asleep_ns()) > _asleep_ns[-1] + MIN_SLEEP_NS:
+        _asleep_ns.append(asleep_ns)
+    return _asleep_ns[-1] - _asleep_ns[0]
 
 
 class HostReadings:

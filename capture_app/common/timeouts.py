@@ -70,6 +70,8 @@ PHONES_START_TIMEOUT_S = 30.0
 """The server of phones shows no invitation."""
 DEPARTURE_TIMEOUT_S = 3.0
 """A node that was ended has not left the roster."""
+NODE_STOP_TIMEOUT_S = 30.0
+"""A camera's process that was asked to end still saves its frames: it is killed."""
 CHILD_STOP_TIMEOUT_S = 2.0
 """A child process that was asked to end is killed."""
 SCREEN_STOP_TIMEOUT_S = 10.0

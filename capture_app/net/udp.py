@@ -24,6 +24,8 @@ Reading = Callable[[], int]
 MAX_BYTES = 2048
 MAX_ROUND = 64
 """Maximum number of datagrams in one turn of the loop, so that a flood cannot starve the rest of the node."""
+LATE_NS = 100_000_000
+"""A timer that is later makes the pump look for events first: the machine may have slept."""
 
 
 class ReceiptTimes:
@@ -145,7 +147,9 @@ class Pump:
             self._socket = None
 
     def _tick(self) -> None:
-        self._due_ns = None
+        due_ns, self._due_ns = self._due_ns, None
+        if due_ns is not None and self._clock() > due_ns + LATE_NS:
+            self._after_flush()
         self._engine.handle_timer(self._clock())
         self.turn()
 

@@ -11,6 +11,7 @@ from capture_app.common.text import count, duration
 from capture_app.protocol.messages import EventValue
 from capture_app.protocol.status import BurstStatus
 from capture_app.sync.rig import events, status_text
+from capture_app.sync.rig.frame_selection import SLEPT
 from capture_app.sync.rig.time_client import TimeClientEvent
 from capture_app.sync.timekeeping import clock_events
 from capture_app.sync.timekeeping.rates import HostOffRate
@@ -163,6 +164,8 @@ def client_line(event: events.ClientEvent[Any]) -> str:
 
 def why_doubted(event: clock_events.TimesDoubted) -> str:
     """Describe why times of an interval were wrong."""
+    if event.from_local_ns == event.until_local_ns:
+        return SLEPT
     what = "a clock was changed" if event.jumped else "a clock ran faster or slower"
     return f"{what}, which was noticed only afterwards: these times are known to {duration(event.error_ns)}"
 

@@ -140,6 +140,8 @@ class RigStatus(Struct, frozen=True, kw_only=True):
     further: int = 0
     """Number of nodes after this page, by name; `message` summarizes them."""
     burst: BurstStatus | None = None
+    unsaved: tuple[BurstStatus, ...] = ()
+    """Earlier bursts than `burst` whose images are still to come, without their details."""
     ahead: tuple[BurstStatus, ...] = ()
     """Bursts that begin much later, and can be cancelled."""
     sessions: tuple[str, ...] = ()

@@ -70,13 +70,17 @@ def quit_question(
             f"The rig at {status.leader}{own_cameras} can keep running without the screen. "
             "The next start of the screen finds it."
         )
-        if burst := _unsaved(status):
-            goes_on = burst.recording and not burst.ended
+        if unsaved := _unsaved(status):
+            takes = (
+                f"{take.name} is {'recording' if _goes_on(take) else 'being saved'}: {take.received} of "
+                f"{take.expected} images are here. "
+                for take in unsaved[:NAMED_JOBS]
+            )
             lines.append(
-                f"{burst.name} is {'recording' if goes_on else 'being saved'}: {burst.received} of "
-                f"{burst.expected} images are here. A rig that stops now saves no others: cameras keep what "
-                "they have stored, and bring it when they join again; simulated ones lose what is unrendered."
-                + (" If it is left running, `capture-app record --stop` ends the recording." * goes_on)
+                "".join(takes) + "A rig that stops now saves no others: cameras keep what they have stored, "
+                "and bring it when they join again; simulated ones lose what is unrendered."
+                + " If it is left running, `capture-app record --stop` ends the recording."
+                * any(map(_goes_on, unsaved))
             )
     if jobs:
         more = f" and {count(len(jobs) - NAMED_JOBS, 'more job')}" if len(jobs) > NAMED_JOBS else ""
@@ -98,9 +102,17 @@ def quit_question(
     return Question("\n\n".join(lines), answers, title="Quit?")
 
 
-def _unsaved(status: RigStatus | None) -> BurstStatus | None:
-    """Return the newest take if images of it are still to come."""
-    return None if status is None or status.burst is None or status.burst.done else status.burst
+def _unsaved(status: RigStatus | None) -> list[BurstStatus]:
+    """Return the takes of which images are still to come, the newest one first."""
+    if status is None:
+        return []
+    newest = [] if status.burst is None or status.burst.done else [status.burst]
+    return [*newest, *status.unsaved]
+
+
+def _goes_on(take: BurstStatus) -> bool:
+    """Return whether a take is a recording that has not ended."""
+    return take.recording and not take.ended
 
 
 class SimulshotApp(App[None]):
@@ -396,8 +408,7 @@ class SimulshotApp(App[None]):
     async def _finish(self) -> None:
         """End a recording, and stop the rig when all takes are saved; the screen stays usable meanwhile."""
         self.notify("The rig stops when the take is saved; q asks again", timeout=SCREEN_STOP_TIMEOUT_S)
-        take = _unsaved(self._record.status)
-        if take is not None and take.recording and not take.ended:
+        for take in filter(_goes_on, _unsaved(self._record.status)):
             with contextlib.suppress(SimulshotError):  # it has just ended
                 await self._source.order(EndBurst(burst=take.burst))
         while self._record.lost or _unsaved(self._record.status):  # noqa: ASYNC110 - of the record

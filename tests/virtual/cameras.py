@@ -150,6 +150,8 @@ class VirtualCamera(SimulatedCamera):
             if self._device.is_stalled:
                 return
             assert frame.true_ns is not None
+            if self._clock_of_machine.is_asleep(frame.true_ns):
+                return
             self._device.delivered_ns.append(frame.true_ns)
             picture: FramePicture = frame.picture
             if self._sound is not None:

@@ -55,7 +55,7 @@ SOUND_ERROR_NS = 30_000_000
 """Maximum error of the time of sound: a microphone's block arrives up to some ms late."""
 ENDS = ("kill", "power", "stop")
 """Faults that end a camera's process, which then takes part again once it is ready."""
-LOST_S = {"kill": 0.5, "stop": 0.5, "power": 3.0, "freeze": 4.0}
+LOST_S = {"kill": 0.5, "stop": 0.5, "power": 3.0, "freeze": 4.0, "sleep": 1.0}
 """Frames so long before a fault of their camera may be lost: those that its spool did not have yet."""
 ASKED_S = 1.5
 """Time within which a camera that has become ready is asked for the rest of a recording."""
@@ -346,7 +346,7 @@ def _excused(rig: VirtualRig, of: OrderedBurst, camera: str) -> list[tuple[float
         is_around = span.from_ns <= of.ordered_ns + BEFORE_S * 1e9
         if is_around and span.target in around and span.kind not in HARMLESS:
             excused.append((-math.inf, span.until_ns + AFTER_S * 1e9))
-            if span.target == camera and span.kind in (*ENDS, "camera-lost", "freeze", "cut"):
+            if span.target == camera and span.kind in (*ENDS, "camera-lost", "freeze", "sleep", "cut"):
                 excused.append((-math.inf, asked_again(span.from_ns)))
     for span in own:
         from_ns = span.from_ns - LOST_S.get(span.kind, 0) * 1e9
@@ -355,7 +355,7 @@ def _excused(rig: VirtualRig, of: OrderedBurst, camera: str) -> list[tuple[float
             # What was on its way to a disk that fails stays in memory as well.
             lost_ns = [disk_ns - LOST_S["kill"] * 1e9 for disk_ns in on_disk]
             excused.append((min([from_ns, *lost_ns]), asked_again(span.until_ns)))
-        elif span.kind == "freeze":
+        elif span.kind in ("freeze", "sleep"):
             excused.append((from_ns, span.until_ns + AFTER_S * 1e9))
     return excused
 
@@ -722,17 +722,21 @@ def _heard(rig: VirtualRig, sessions: Sessions) -> Iterator[str]:
             is_twice = one.stream == part.stream and part.first < one.first + one.samples
             if is_twice and takes_of[max(one_ns, other_ns)] == 1:
                 yield f"{of.name}: images {first} and {second} of {name} have the same sound"
-        for part, instant, _ in parts:
+        for part, instant, true_ns in parts:
             if not _befell(rig, of, name):
                 yield from (
-                    f"{of.name}: sound of {name} at {instant} {why}" for why in _wrong(rig, name, part)
+                    f"{of.name}: sound of {name} at {instant} {why}"
+                    for why in _wrong(rig, name, part, true_ns)
                 )
 
 
-def _wrong(rig: VirtualRig, name: str, part: SoundPart) -> Iterator[str]:
-    """Yield what is wrong with a part of a virtual microphone's sound, whose samples are their numbers."""
+def _wrong(rig: VirtualRig, name: str, part: SoundPart, image_ns: int) -> Iterator[str]:
+    """Yield what is wrong with a part of a virtual microphone's sound, whose samples are their numbers.
+
+    `image_ns` is the true time of its image.
+    """
     heard, around = np.frombuffer(part.pcm, "<i2").astype(int), 1 << 15
-    true_ns = rig.clocks[name].true_from_local(part.local_ns)
+    true_ns = rig.clocks[name].true_from_local(part.local_ns, near_ns=image_ns)
     off = (heard[0] - sound_number(true_ns) + around // 2) % around - around // 2
     if abs(off) / SOUND_HZ * 1e9 > SOUND_ERROR_NS:
         yield f"is {off / SOUND_HZ * 1e3:.0f} ms off"

@@ -127,6 +127,9 @@ def draw(seed: int) -> Plan:
     away = random.Random(f"away {seed}")
     if not has_standby and away.random() < 0.2:
         steps += _all_away(away, away.uniform(SETTLE_S, seconds - 10), cameras)
+    asleep = random.Random(f"sleeping laptop {seed}")
+    if asleep.random() > 0.92:
+        steps += _asleep(asleep, asleep.uniform(SETTLE_S, seconds - 10), honest)
     at_end = random.Random(f"away at its end {seed}")
     if not has_standby and at_end.random() < 0.06:
         steps += _away_at_end(at_end, at_end.uniform(SETTLE_S, seconds - 10), cameras)
@@ -227,6 +230,19 @@ def _all_away(rng: random.Random, at_s: float, cameras: tuple[str, ...]) -> list
         *(slow if rng.random() < 0.3 else []),
         *(Step(away_s, kind, name, 0.0, lasts_s) for name in (*cameras, *(["lead"] if has_leader else []))),
     ]
+
+
+def _asleep(rng: random.Random, at_s: float, cameras: tuple[str, ...]) -> list[Step]:
+    """Return a take within which a camera's machine sleeps, as a laptop whose lid is closed."""
+    take = (
+        Step(at_s, "recording", "desk", rng.uniform(8, 20))
+        if rng.random() < 0.7
+        else Step(at_s, "burst", "desk", 8.0)
+    )
+    machine, error_s = rng.choice((*cameras, "lead")), rng.uniform(-1, 1)
+    # What a leader's clock is off is found after a take that ends meanwhile (docs/accuracy.md).
+    error_s = 0.0 if machine == "lead" else error_s
+    return [take, Step(at_s + rng.uniform(0.2, 5), "sleep", machine, error_s, rng.uniform(1, 15))]
 
 
 def _away_at_end(rng: random.Random, at_s: float, cameras: tuple[str, ...]) -> list[Step]:

@@ -38,34 +38,78 @@ ASYMMETRY = 0.1
 """Standard deviation of the difference of a path's two delays, relative to their sum, as nodes assume it."""
 BEACON_NS, AWAKE_NS = 102_400_000, 60_000_000
 """Interval at which a phone that saves power listens, and how long it listens after it has sent something."""
+FRAME_NS = 100_000_000
+"""Time that a frame takes."""
+BOOT_NS = 15_000_000_000
+"""Reading of a machine's clock at its start."""
 RESTART_S = 2.0
 """Time after which a process that ended by itself is started again."""
 
 
 class MachineClock:
-    """A machine's clock: an offset, a skew, and slews of an NTP daemon."""
+    """A machine's clock: an offset, a skew, slews of an NTP daemon, and sleeps in which it stands still."""
 
     def __init__(self, world: World, machine: str) -> None:
         chance = world.chance("clock", machine)
         self._world = world
-        self._offset_ns, self._ppm = round(chance.uniform(1, 9) * 3.6e12), chance.uniform(-50, 50)
+        offset_ns, self._ppm = round(chance.uniform(1, 9) * 3.6e12), chance.uniform(-50, 50)
         self._slews: list[tuple[int, int, float]] = []
+        self._boots: list[tuple[int, int]] = [(0, offset_ns)]
+        """True times of the machine's starts, each with its offset."""
+        self._sleeps: list[tuple[int, int, int]] = []
+        """True times of the machine's sleeps, the first one first, and the clock's error after each, ns."""
+
+    def restart(self) -> None:
+        """Begin anew, as at a start of the machine; later readings are converted only."""
+        now_ns = self._world.now_ns
+        self._boots.append((now_ns, BOOT_NS - now_ns))
+        self._sleeps.clear()
+
+    def sleep(self, seconds: float, error_s: float) -> None:
+        """Sleep from now on, and get an error by it: that of its measured length; all of it if it stands."""
+        now_ns = self._world.now_ns
+        self._sleeps.append((now_ns, now_ns + round(seconds * 1e9), round(error_s * 1e9)))
+
+    def slept_ns(self) -> int:
+        """Return for how long the machine has slept, ns."""
+        return sum(
+            ends_ns - begins_ns for begins_ns, ends_ns, _ in self._sleeps if ends_ns <= self._world.now_ns
+        )
+
+    def _error_ns(self, true_ns: int) -> int:
+        """Return the clock's error by sleeps until a true time, ns."""
+        return sum(
+            error_ns * min(true_ns - begins_ns, ends_ns - begins_ns) // (ends_ns - begins_ns)
+            for begins_ns, ends_ns, error_ns in self._sleeps
+            if true_ns > begins_ns
+        )
 
     def slew(self, ppm: float, seconds: float) -> None:
         """Run faster by so much for a while, from now on."""
         now_ns = self._world.now_ns
         self._slews.append((now_ns, now_ns + round(seconds * 1e9), ppm))
 
+    def is_asleep(self, true_ns: int) -> bool:
+        """Return whether the machine sleeps at a true time, ns, or within a frame before or after."""
+        return any(
+            begins_ns - FRAME_NS <= true_ns < ends_ns + FRAME_NS for begins_ns, ends_ns, _ in self._sleeps
+        )
+
     def local_from_true(self, true_ns: int) -> int:
         """Return the reading at a true time, ns."""
         gained = self._ppm * (true_ns - 10**12) / 1e6
         for begins_ns, ends_ns, ppm in self._slews:
             gained += ppm * max(0, min(true_ns, ends_ns) - begins_ns) / 1e6
-        return true_ns + self._offset_ns + round(gained)
+        offset_ns = next(of for began_ns, of in reversed(self._boots) if began_ns <= true_ns)
+        return true_ns + offset_ns + round(gained) + self._error_ns(true_ns)
 
-    def true_from_local(self, local_ns: int) -> int:
-        """Return the true time of a reading, to some ns."""
-        true_ns = local_ns - self._offset_ns
+    def true_from_local(self, local_ns: int, near_ns: int | None = None) -> int:
+        """Return the true time of a reading since the machine's start, or of one `near_ns`, to some ns."""
+        error_ns = sum(of for _, ends_ns, of in self._sleeps if local_ns >= self.local_from_true(ends_ns))
+        _, offset_ns = self._boots[-1]
+        if near_ns is not None:
+            _, offset_ns = min(self._boots, key=lambda boot: abs(local_ns - boot[1] - near_ns))
+        true_ns = local_ns - offset_ns - error_ns
         for _ in range(4):
             true_ns += local_ns - self.local_from_true(true_ns)
         return true_ns
@@ -117,6 +161,7 @@ class VirtualRig:
         self._awake_until_ns: Counter[str] = Counter()
         world.network.shape = self._shape_link
         world.on_end = self._restart_later
+        world.slept_ns = lambda machine: self.clocks[machine].slept_ns()
 
     def _lay_foreign_files(self, camera: str) -> None:
         """Put what no node wrote into a camera's spool: a file, a folder of another program, and a link."""
@@ -424,6 +469,8 @@ class VirtualRig:
             disk = self.world.disks.of(step.target)
             disk.is_failing = disk.is_full = False
             self.world.disks.cut_power(step.target)
+            if step.target in self.plan.cameras:
+                self.clocks[step.target].restart()
 
         await self._down_for(step, cut())
 
@@ -445,6 +492,13 @@ class VirtualRig:
         self.world.freeze(step.target)
         await asyncio.sleep(step.seconds)
         self.world.thaw(one)
+
+    async def _sleep(self, step: Step) -> None:
+        """Suspend a machine with its cameras and network; its clock is off by the value afterwards, in s."""
+        self.clocks[step.target].sleep(step.seconds, step.value)
+        self.world.network.cut(step.target, is_cut=True)
+        await self._freeze(step)
+        self.world.network.cut(step.target, is_cut=False)
 
     async def _cut(self, step: Step) -> None:
         self.world.network.cut(step.target, is_cut=True)

@@ -239,6 +239,8 @@ class World:
         self._steps = 0
         self._runs: dict[str, int] = {}
         self.processes: dict[str, Process] = {}
+        self.slept_ns: Callable[[str], int] = lambda _: 0
+        """Returns for how long a machine has slept until now."""
         self.on_end: Callable[[Process, Exception | None], None] = lambda _, __: None
         """Called when a process has ended by itself, with its error; None if it was killed by its disk."""
         self.failures: list[str] = []
@@ -398,9 +400,14 @@ class World:
                 clock_gettime_ns=clock_ns,
                 sleep=lambda _: None,
             )
+
+            def slept_ns() -> int:
+                one = process.get()
+                return 0 if one is None else self.slept_ns(one.machine)
+
             replaced(system, monotonic_ns=lambda: self.now_ns, monotonic_s=lambda: self.now_ns / 1e9)
             # What it has read of the host's clocks, before and afterwards, is of another time.
-            replaced(host_clock, _readings=HostReadings(read_pair))
+            replaced(host_clock, _readings=HostReadings(read_pair), slept_ns=slept_ns)
             replaced(
                 secrets,
                 randbits=lambda bits: own().getrandbits(bits),

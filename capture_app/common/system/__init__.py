@@ -19,7 +19,7 @@ else:
 
 # fmt: off
 __all__ = (  # noqa: F405, RUF022 - the modules have them; by subject
-    "monotonic_ns", "monotonic_s", "new_event_loop",
+    "monotonic_ns", "monotonic_s", "asleep_ns", "new_event_loop",
     "open_file", "open_folder", "path_of", "read_at", "sync_data", "sync_path",
     "replace", "exchange", "move_new",
     "flock", "hold_name",

@@ -10,6 +10,7 @@ import socket
 import struct
 import sys
 import threading
+import time
 from contextlib import suppress
 from pathlib import Path
 
@@ -94,6 +95,11 @@ def raise_thread_priority() -> None:
     """Raise the calling thread's priority, which threads that it begins inherit, if the system permits it."""
     with suppress(OSError):
         os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), -10)
+
+
+def asleep_ns() -> int:
+    """Return for how long this machine has slept since its start, in ns; a slow call returns too little."""
+    return time.clock_gettime_ns(time.CLOCK_BOOTTIME) - time.monotonic_ns()
 
 
 def machine_memory() -> int:

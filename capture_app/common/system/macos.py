@@ -27,6 +27,11 @@ def sync_data(handle: int) -> None:
         os.fsync(handle)
 
 
+def asleep_ns() -> int:
+    """Return for how long this machine has slept since its start, in ns; a slow call returns too little."""
+    return time.clock_gettime_ns(time.CLOCK_MONOTONIC_RAW) - time.monotonic_ns()
+
+
 def path_of(handle: int) -> Path:
     """Return the present path of an open folder, or a path that does not exist."""
     with suppress(OSError):

@@ -50,6 +50,7 @@ _CLOSING = 2
 _TO_CLOSE_S = 4.5
 """Windows ends a process 5 s after its window was closed."""
 _kernel = ctypes.WinDLL("kernel32", use_last_error=True)
+_kernel.GetTickCount64.restype = ctypes.c_uint64
 ctypes.WinDLL("winmm").timeBeginPeriod(1)
 
 monotonic_ns = time.perf_counter_ns
@@ -59,6 +60,13 @@ Before Python 3.13, `time.monotonic` counts in ticks of 15.6 ms here.
 """
 monotonic_s = time.perf_counter
 """Returns `monotonic_ns` in seconds."""
+
+
+def asleep_ns() -> int:
+    """Return for how long this machine has slept since its start, in ns, to some 20 ms."""
+    awake = ctypes.c_uint64()
+    _kernel.QueryUnbiasedInterruptTime(ctypes.byref(awake))
+    return int(_kernel.GetTickCount64()) * 1_000_000 - awake.value * 100
 
 
 class new_event_loop(asyncio.ProactorEventLoop):  # noqa: N801 - a function on other systems

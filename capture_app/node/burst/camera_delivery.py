@@ -1,10 +1,11 @@
 """One camera's part of a burst: its report, its images received so far, and the timeouts for it."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
 from msgspec.structs import replace
 
+from capture_app.common.bounds import CENTURY_NS, MAX_COUNT
 from capture_app.common.timeouts import (
     CAMERA_DISCONNECTED_AGAIN_NS,
     CAMERA_DISCONNECTED_NS,
@@ -14,9 +15,16 @@ from capture_app.common.timeouts import (
 from capture_app.node.burst.plans import InstantChoice
 from capture_app.protocol.messages import ImageReceipt
 from capture_app.session.format.burst_plan import CameraPlan
-from capture_app.session.format.manifest import MAX_MOVES, MAX_WIDENED, MissingImage
+from capture_app.session.format.manifest import (
+    MAX_MOVES,
+    MAX_WIDENED,
+    CameraRecord,
+    MissingImage,
+    WidenedTimes,
+)
 from capture_app.session.writing.instant_set import InstantSet
 from capture_app.session.writing.session_writer import SessionWriter
+from capture_app.sync.rig.frame_selection import RING_NS
 
 
 @dataclass(slots=True)
@@ -120,7 +128,8 @@ class CameraDelivery:
         self.note_heard(now_ns)
         if self.plan.reported:
             known = self.plan.camera
-            widened = tuple(dict.fromkeys((*known.widened, *plan.camera.widened)))
+            found = *known.widened, *plan.camera.widened, *_another_clock(known, plan.camera)
+            widened = tuple(dict.fromkeys(found))
             moves = tuple(dict.fromkeys((*known.moves, *plan.camera.moves)))[:MAX_MOVES]
             plan = replace(
                 plan,
@@ -180,3 +189,21 @@ class CameraDelivery:
             for number in range(len(chosen))
             if number not in self.instants
         ]
+
+
+def _another_clock(known: CameraRecord, newer: CameraRecord) -> Iterator[WidenedTimes]:
+    """Yield by how much a later run's clock record differs: an interval of no length, at its start.
+
+    No time is wrong for it; it says which images the known record does not convert.
+    """
+    before, clock = known.clock, newer.clock
+    if before is not None and clock is not None and before != clock:
+        at_ns = max(-CENTURY_NS, clock.epoch_local_ns - 2 * RING_NS)
+        apart_ns = abs(clock.leader_from_local(at_ns) - before.leader_from_local(at_ns))
+        yield WidenedTimes(
+            from_local_ns=at_ns,
+            until_local_ns=at_ns,
+            uncertainty_ns=min(MAX_COUNT, apart_ns + clock.uncertainty_ns),
+            hard_bound_ns=min(MAX_COUNT, apart_ns + clock.hard_bound_ns),
+            reason="its node was started again",
+        )

@@ -2,7 +2,7 @@
 
 import hashlib
 import itertools
-from bisect import bisect_left
+from bisect import bisect_right
 from collections import deque
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -387,8 +387,10 @@ class Upload:
             return
         run = MissingRun(first=instant, count=1, reason=reason, dropped=dropped)
         # A frame can turn out to be missing after later ones, when it is encoded or sent.
-        place = bisect_left(self.missing_runs, instant, key=lambda run: run.first)
+        place = bisect_right(self.missing_runs, instant, key=lambda run: run.first)
         last = self.missing_runs[place - 1] if place else run
+        if place and instant < last.first + last.count:
+            return  # an image of an earlier run of the node, which this one has not seen taken
         if replace(run, first=last.first, count=instant - last.first) == last:
             self.missing_runs[place - 1] = replace(last, count=last.count + 1)
         else:

@@ -159,6 +159,7 @@ class CameraNode:
     # Events of the engine
 
     def _drain(self, now_ns: int) -> None:
+        self._camera.notice_sleep()
         self._camera.collect_commands()
         while (event := self._engine.next_event()) is not None:
             self._handle_event(event)

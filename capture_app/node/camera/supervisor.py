@@ -15,6 +15,7 @@ from msgspec.structs import replace
 
 from capture_app.cameras.base import Camera
 from capture_app.cameras.frames import CapturedFrame
+from capture_app.common import host_clock
 from capture_app.common.address import Address
 from capture_app.common.camera_facts import (
     CameraControls,
@@ -209,6 +210,7 @@ class CameraSupervisor:
         self.measured_stamp: StampAccuracy | None = None
         """Timestamp accuracy measured in this run, for `update_facts`."""
         self.receivers: list[Callable[[CapturedFrame], None]] = []
+        self._slept_ns = host_clock.slept_ns()
         self._commands: asyncio.Queue[tuple[CameraCommand, int]] = asyncio.Queue()
         """Commands, each with the local time in ns at which the engine computed it."""
         self._engine_ns = 0
@@ -262,6 +264,12 @@ class CameraSupervisor:
         self._engine, self._pump = engine, pump
         engine.stream_started(self._started_ns)
         self.receivers.append(self.add_frame)
+
+    def notice_sleep(self) -> None:
+        """Tell the engine if the machine has slept since the last call."""
+        before_ns, self._slept_ns = self._slept_ns, host_clock.slept_ns()
+        if self._slept_ns > before_ns:
+            self._engine.wake_up(self._slept_ns - before_ns, self._options.clock.now_ns())
 
     def collect_commands(self) -> None:
         """Queue the engine's commands for the camera, and lock its controls while a burst is captured."""
@@ -349,6 +357,7 @@ class CameraSupervisor:
         self._arrived.append((stamp, frame, frame.picture.held_bytes))
 
     def _pass_on(self) -> None:
+        self.notice_sleep()
         self._engine_ns = self._options.clock.now_ns()
         arrived, self._arrived = self._arrived, []
         self._engine.frames_arrived(arrived, self._engine_ns)

@@ -325,6 +325,12 @@ class ActiveBursts:
             if not session.finished.is_set() and session.burst.instants_ns[0] > soon_ns
         )
 
+    def under_way(self) -> list[BurstSession]:
+        """Return the bursts of this run that have begun, or begin soon, and are not saved yet."""
+        ahead = {status.burst for status in self.ahead}
+        of_now = (session for number, session in self._bursts.items() if number not in ahead)
+        return [session for session in of_now if not session.finished.is_set()]
+
     def _check_number(self, at_leader_ns: int | None) -> None:
         """Raise IncompleteError if too many bursts are in progress, or ordered ahead."""
         is_ahead = at_leader_ns is not None and at_leader_ns > self.now_ns() + SOON_NS
@@ -334,10 +340,7 @@ class ActiveBursts:
                 f"{len(ahead)} bursts are ordered ahead already: {', '.join(map(str, ahead))}",
                 hint="wait for them, or cancel one: capture-app burst --cancel BURST",
             )
-        if (
-            sum(not session.finished.is_set() for session in self._bursts.values()) - len(ahead)
-            >= MAX_OPEN_BURSTS
-        ):
+        if len(self.under_way()) >= MAX_OPEN_BURSTS:
             raise IncompleteError(
                 f"{MAX_OPEN_BURSTS} bursts are still being saved", hint="wait until they are saved"
             )

@@ -1,6 +1,7 @@
 """Processes on the leader's machine that end with it: camera nodes, and the server for phones."""
 
 import asyncio
+import functools
 from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -14,7 +15,12 @@ from capture_app.common.errors import BadInputError, NetworkError
 from capture_app.common.names import check_name, find_alike, free_name
 from capture_app.common.passwords import hide_password
 from capture_app.common.tasks import first_of, has_come
-from capture_app.common.timeouts import NODE_START_TIMEOUT_S, PHONES_START_TIMEOUT_S
+from capture_app.common.timeouts import (
+    CHILD_STOP_TIMEOUT_S,
+    NODE_START_TIMEOUT_S,
+    NODE_STOP_TIMEOUT_S,
+    PHONES_START_TIMEOUT_S,
+)
 from capture_app.protocol.log import Log
 from capture_app.protocol.orders import FLAT_SCENES, MAX_NODES, VIEWS, AddSimulated, PhoneInvited
 from capture_app.trust.trust import Trust
@@ -181,9 +187,16 @@ class LocalNodes:
             await child.process.wait()
             return
         watching.cancel()
+        words = f"{name} is still ending: it saves its frames first; stop again to drop them"
+        saying = asyncio.get_running_loop().call_later(
+            CHILD_STOP_TIMEOUT_S, functools.partial(self._event_log.say, words, camera=name)
+        )
         try:
-            await child.stop()
+            if not await child.stop(NODE_STOP_TIMEOUT_S):
+                words = f"{name} had not saved all its frames in {NODE_STOP_TIMEOUT_S:.0f} s, and was ended"
+                self._event_log.say(words, camera=name, level="error")
         finally:
+            saying.cancel()
             del self._children[name]
 
     async def aclose(self) -> None:

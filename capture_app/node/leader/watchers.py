@@ -93,6 +93,11 @@ class LeaderState:
                 local={} if self._local is None else self._local.specs,
             ),
             burst=None if bursts.newest is None else fitted_burst(bursts.newest.status),
+            unsaved=tuple(
+                replace(session.status, message="", transfer=(), skipped=())
+                for session in bursts.under_way()
+                if session is not bursts.newest
+            ),
             ahead=bursts.ahead,
             disk_free_bytes=self._room(now_ns),
             sessions=tuple(bursts.saved),

@@ -15,6 +15,7 @@ from msgspec import structs
 from capture_app.common.bounds import CENTURY_NS, sendable
 from capture_app.common.camera_facts import CameraFacts, PhaseControl
 from capture_app.common.node_state import NodeState
+from capture_app.common.text import duration
 from capture_app.sync.clock.clock_filter import ClockSample, PathAsymmetry
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.phase.actuators import InjectionProfile
@@ -34,6 +35,7 @@ from capture_app.sync.rig.events import (
 from capture_app.sync.rig.frame_selection import (
     RING_BYTES,
     RING_NS,
+    SLEPT,
     CameraGrid,
     F,
     FrameSelection,
@@ -41,6 +43,7 @@ from capture_app.sync.rig.frame_selection import (
     is_possible_burst,
 )
 from capture_app.sync.rig.time_client import TimeClient
+from capture_app.sync.timekeeping.clock_events import TimesDoubted
 from capture_app.sync.timekeeping.poll_schedule import AT_ONCE_NS, AccuracyTarget, SteadySchedule
 from capture_app.sync.timekeeping.timekeeper import Timekeeper
 from capture_app.sync.wire.camera_commands import CameraCommand
@@ -51,6 +54,8 @@ HOLD_BEFORE_BURST_NS = 2_000_000_000
 """Time before a burst in which no phase correction begins: its long frame would be in the burst."""
 CORRECTION_NS = 1_000_000_000
 """Time that a correction of a ready stream may take; one by frame injection takes 0.3 s (docs/paper.md)."""
+SLEEP_ERROR_NS = 2_000_000_000
+"""Maximum error of the length of a sleep: some machines read it from a clock of whole seconds."""
 PHASE_TOLERANCE_NS, RESET_TOLERANCE_NS = 100_000, 2_000_000
 """Phase tolerances if none is requested: the second for cameras that can only restart their stream, as a
 restart is uncertain by that much."""
@@ -265,6 +270,24 @@ class Client(TimeClient, Generic[F]):
         """Note that the camera was commanded to start at `now_ns`: first start or RestartStream."""
         self.aligner.note_stream_start(now_ns)
 
+    def wake_up(self, slept_ns: int, now_ns: int) -> None:
+        """Start over after the machine slept for about `slept_ns`, in which its clock stood still or ran on.
+
+        Selected frames keep their times; the others from before the sleep have none any more.
+        """
+        if (newest_ns := self.ring.newest_local_ns) is not None:
+            self._finish_bursts(newest_ns, is_last=True)
+        for bursts, _, _ in self._earlier:
+            self._events.extend(bursts.keep_ordered(has_time=False))
+        self._earlier.clear()
+        self._bursts.keep_times()
+        self.ring.clear_after_sleep(now_ns)
+        self.timekeeper.forget()
+        # Later frames are off the clock record of their burst by so much.
+        off_ns = slept_ns + SLEEP_ERROR_NS
+        self._events.append(TimesDoubted(now_ns, now_ns, off_ns, off_ns, jumped=True))
+        self.lose(f"{SLEPT} for {duration(slept_ns)}", now_ns)
+
     def fail(self, reason: str) -> None:
         """Note that the camera failed; an empty reason means that it works again."""
         if bool(reason) != bool(self.failure):
@@ -279,7 +302,7 @@ class Client(TimeClient, Generic[F]):
             self._reported = self._answered = False
             if welcome.config.path[0] != self._root:
                 # Bursts belong to the root and use its time: another relay of the root changes nothing.
-                self._events.extend(self._bursts.keep_ordered())
+                self._events.extend(self._bursts.keep_ordered(has_time=time_map is not None))
                 if self._bursts and grid is not None and time_map is not None:
                     self._earlier.append((self._bursts, grid, time_map))
                 self._bursts, self._root = FrameSelection(self._bursts), welcome.config.path[0]
@@ -398,18 +421,22 @@ class Client(TimeClient, Generic[F]):
             (next((bursts[0] for bursts in self._earlier if key in bursts[0]), self._bursts)).add(trigger)
         self._outbox.append(TriggerAck(trigger.client, trigger.leader, trigger.burst, refusal))
 
-    def _finish_bursts(self, now_ns: int) -> None:
+    def _finish_bursts(self, now_ns: int, *, is_last: bool = False) -> None:
+        """Select the frames that are due; of a stream whose newest frame `is_last`, up to that one."""
+        is_last |= bool(self.failure)
         grid, time_map = self._grid, self.time_map
         for bursts, held_grid, held_map in self._earlier:
             if time_map is not None and held_map.agrees_with(time_map, now_ns):
                 # The leader was restarted on the same machine, or another one continues its time.
                 self._bursts.take_over(bursts)
-            self._select(bursts, held_grid, held_map, now_ns)
+            self._select(bursts, held_grid, held_map, now_ns, is_last=is_last)
         self._earlier = [earlier for earlier in self._earlier if earlier[0]]
         if grid is not None and time_map is not None:
-            self._select(self._bursts, grid, time_map, now_ns)
+            self._select(self._bursts, grid, time_map, now_ns, is_last=is_last)
 
-    def _select(self, bursts: FrameSelection[F], grid: CameraGrid, time_map: TimeMap, now_ns: int) -> None:
+    def _select(
+        self, bursts: FrameSelection[F], grid: CameraGrid, time_map: TimeMap, now_ns: int, *, is_last: bool
+    ) -> None:
         self._events.extend(
             bursts.select_due(
                 self.ring,
@@ -418,6 +445,6 @@ class Client(TimeClient, Generic[F]):
                 time_map,
                 now_ns,
                 is_member=self.is_member,
-                has_failed=bool(self.failure),
+                is_last=is_last,
             )
         )

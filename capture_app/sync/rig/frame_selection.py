@@ -33,6 +33,8 @@ MOVED, LONG_FRAMES = "a longer frame took its time, which keeps the camera in ph
 """Reason of a gap at a move of the phase, and the frames that a move may lengthen."""
 NOT_STARTED = "its node was not running yet"
 """Reason of a gap before the first frame that a node has had."""
+SLEPT = "its machine slept"
+"""Reason of a gap before the first frame after a sleep of the machine."""
 LEFT_RING = "it had left the ring buffer"
 """Reason of a gap before the oldest frame in the ring buffer."""
 NO_FRAME_OF_ITS_OWN = "the camera's frames are further apart than the instants"
@@ -54,22 +56,31 @@ class RingBuffer(Generic[F]):
         self._entries: deque[tuple[int, F, int]] = deque()
         self._bytes = 0
         self.first_local_ns: int | None = None
-        """Timestamp of the first frame that was ever stored, or None."""
+        """Timestamp of the first frame since the start or since a sleep, or None."""
+        self.why_before = NOT_STARTED
+        """Reason why there are no earlier frames."""
 
     def __len__(self) -> int:
         return len(self._entries)
 
     def add(self, local_ns: int, frame: F, size_bytes: int = 0) -> None:
         """Store a frame, and drop the oldest ones that exceed the time span or the memory."""
+        if not self._entries:
+            if self.first_local_ns is not None and local_ns < self.first_local_ns:
+                return  # it was taken before the machine slept
+            self.first_local_ns = local_ns
         self._entries.append((local_ns, frame, size_bytes))
         self._bytes += size_bytes
-        if self.first_local_ns is None:
-            self.first_local_ns = local_ns
         # A clock that was set back leaves frames with future timestamps.
         while len(self._entries) > 2 and (
             abs(local_ns - self._entries[0][0]) > self._span_ns or self._bytes > self._max_bytes
         ):
             self._bytes -= self._entries.popleft()[2]
+
+    def clear_after_sleep(self, local_ns: int) -> None:
+        """Remove all frames, as the machine slept until `local_ns`."""
+        self._entries.clear()
+        self._bytes, self.first_local_ns, self.why_before = 0, local_ns, SLEPT
 
     @property
     def oldest_local_ns(self) -> int | None:
@@ -280,17 +291,17 @@ class CameraGrid:
         self, ring: RingBuffer[F], time_map: TimeMap, instant: int, at_ns: int
     ) -> SelectedFrame[F] | Gap:
         """Return the frame nearest to an instant, or a gap if none is within half a period."""
-        target_ns = self.target_ns(time_map, at_ns)
-        if (nearest := ring.nearest(target_ns)) is None:
-            return Gap(instant, "the camera gave no frames")
-        stamp_ns, frame = nearest
-        pick = self.pick(time_map, frame, stamp_ns, instant, at_ns)
-        if not is_same_instant(pick.residual_ns, self.rig_grid.period_ns):
+        target_ns, first_ns = self.target_ns(time_map, at_ns), ring.first_local_ns
+        if (nearest := ring.nearest(target_ns)) is not None:
+            stamp_ns, frame = nearest
+            pick = self.pick(time_map, frame, stamp_ns, instant, at_ns)
+            if is_same_instant(pick.residual_ns, self.rig_grid.period_ns):
+                return pick
             if stamp_ns != ring.oldest_local_ns or stamp_ns < target_ns:
                 return Gap(instant, MOVED if self._is_near_move(target_ns) else DROPPED)
-            first_ns = ring.first_local_ns
-            return Gap(instant, NOT_STARTED if first_ns is not None and target_ns < first_ns else LEFT_RING)
-        return pick
+        if first_ns is not None and target_ns < first_ns:
+            return Gap(instant, ring.why_before)
+        return Gap(instant, "the camera gave no frames" if nearest is None else LEFT_RING)
 
 
 @dataclass(slots=True)
@@ -306,6 +317,8 @@ class _Selection(Generic[F]):
     """Map used for the reported frames: one per burst, except for a streamed burst."""
     last_stamp_ns: int | None = None
     """Timestamp of the last selected frame."""
+    timed: int = 0
+    """Number of first instants whose frames keep their times, as the machine slept after them."""
 
     @property
     def over(self) -> int:
@@ -380,13 +393,21 @@ class FrameSelection(Generic[F]):
             for burst in pending
         )
 
-    def keep_ordered(self) -> list[FramesSelected[F]]:
-        """Keep only the streamed bursts with an ordered end; return the ends of the other streamed ones."""
+    def keep_times(self) -> None:
+        """Let the frames that are selected already keep their times: another map holds from now on."""
+        for burst in self._pending.values():
+            burst.timed = burst.over
+
+    def keep_ordered(self, *, has_time: bool = True) -> list[FramesSelected[F]]:
+        """Keep only the streamed bursts with an ordered end; return the ends of the other streamed ones.
+
+        None is kept unless their time is known.
+        """
         ends, kept = [], {}
         for key, burst in self._pending.items():
             if not burst.trigger.streamed:
                 continue
-            if not is_open_ended(burst.trigger.count, burst.trigger.step_ns):
+            if has_time and not is_open_ended(burst.trigger.count, burst.trigger.step_ns):
                 kept[key] = burst
             elif burst.time_map is not None:
                 burst.trigger = structs.replace(burst.trigger, count=burst.reported)
@@ -433,11 +454,11 @@ class FrameSelection(Generic[F]):
         now_ns: int,
         *,
         is_member: bool,
-        has_failed: bool = False,
+        is_last: bool = False,
     ) -> list[FramesSelected[F]]:
         """Select the frames of all bursts whose last frame has arrived or timed out.
 
-        Of a camera that `has_failed` the newest frame is the last one: nothing nearer to its instant comes.
+        If the newest frame `is_last`, as the camera has failed, nothing nearer to its instant comes.
         Spare instants are reported afterwards, each when it is over. Only a member reports the stream's
         phase.
         """
@@ -445,16 +466,20 @@ class FrameSelection(Generic[F]):
         for key, burst in list(self._pending.items()):
             for instant in range(burst.over, burst.trigger.count):
                 instant_ns = burst.instant_ns(instant)
-                if not _is_over(instant_ns, ring, grid, time_map, now_ns, has_failed=has_failed):
+                if not _is_over(instant_ns, ring, grid, time_map, now_ns, is_last=is_last):
                     break
                 burst.picked.append(burst.once(grid.select(ring, time_map, instant, instant_ns)))
             if burst.has_events:
-                by = time_map if burst.trigger.streamed else burst.time_map or time_map
+                by = time_map if burst.trigger.streamed or burst.timed else burst.time_map or time_map
                 last_ns = grid.target_ns(by, burst.instant_ns(max(0, burst.over - 1)))
                 at_ns = time_map.leader_from_local(last_ns)
                 phase = aligner.estimate(time_map, grid.grid_of_stamps, at_ns) if is_member else None
                 picks = (
-                    grid.pick(by, pick.frame, pick.stamp_ns, pick.instant, burst.instant_ns(pick.instant))
+                    pick
+                    if pick.instant < burst.timed
+                    else grid.pick(
+                        by, pick.frame, pick.stamp_ns, pick.instant, burst.instant_ns(pick.instant)
+                    )
                     for pick in burst.picked
                     if isinstance(pick, SelectedFrame)
                 )
@@ -471,12 +496,12 @@ def _is_over(
     time_map: TimeMap,
     now_ns: int,
     *,
-    has_failed: bool,
+    is_last: bool,
 ) -> bool:
     """Whether the frame of an instant of leader time has arrived or timed out."""
     newest_ns, period_ns = ring.newest_local_ns, grid.rig_grid.period_ns
     target_ns = grid.target_ns(time_map, at_ns)
     # A later frame might be nearer, unless none comes.
-    after_ns = -(period_ns // 2) if has_failed else period_ns // 2
+    after_ns = -(period_ns // 2) if is_last else period_ns // 2
     seen = newest_ns is not None and newest_ns > target_ns + after_ns
     return seen or now_ns >= target_ns + TIMEOUT_PERIODS * period_ns

@@ -41,7 +41,10 @@ class ClockRateUnusual:
 
 @dataclass(frozen=True, slots=True)
 class TimesDoubted:
-    """Times of an interval of this node's clock were wrong, and their error is known now; all in ns."""
+    """Times of an interval of this node's clock were wrong, and their error is known now; all in ns.
+
+    After a sleep of the machine it is empty: times are right before and after, by different maps.
+    """
 
     from_local_ns: int
     until_local_ns: int

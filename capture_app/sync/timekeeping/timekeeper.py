@@ -135,8 +135,8 @@ class Timekeeper:
         self._request = None
 
     def forget(self) -> None:
-        """Discard the time map."""
-        self.time_map, self.time_is_known = None, False
+        """Discard the time map, and what is known of the leader's clock."""
+        self.time_map, self.time_is_known, self._asked = None, False, None
 
     def take_reply(self, reply: TimeReply, now_ns: int) -> bool:
         """Process a reply that arrived at `now_ns`. Return False if it matches no outstanding request."""

@@ -63,6 +63,32 @@ def test_what_is_cut_off_is_fetched_afterwards(
     assert missing == []
 
 
+@pytest.mark.parametrize("after_s", [2.0, 30.0])
+@pytest.mark.parametrize(
+    ("lasts_s", "error_s"), [(0.7, -0.7), (2.5, 0.0), (2.5, 0.9), (15.0, -15.0), (15.0, -0.9), (60.0, 0.3)]
+)
+def test_a_machine_that_slept_lacks_what_it_slept_through_and_says_so(
+    monkeypatch: pytest.MonkeyPatch, lasts_s: float, error_s: float, after_s: float
+) -> None:
+    """Its clock stands still meanwhile, or goes on with an error."""
+    sleep = Step(BEGINS_S + after_s, "sleep", "cam0", error_s, lasts_s)
+    _, missing = record(monkeypatch, sleep)
+    assert {gap.split("/")[0] for gap in missing} == {"cam0"}
+    assert {gap.split(": ")[1] for gap in missing} == {"its machine slept"}
+    assert len(missing) <= 10 * min(lasts_s, ORDERED_S - after_s) + 6
+
+
+@pytest.mark.parametrize("lasts_s", [8.0, 60.0])
+@pytest.mark.parametrize("error_s", [0.0, 0.9, -0.9])
+def test_a_leader_whose_machine_slept_loses_nothing(
+    monkeypatch: pytest.MonkeyPatch, lasts_s: float, error_s: float
+) -> None:
+    """Its clock had stood still: it refused what cameras had taken meanwhile as of a time to come."""
+    instants, missing = record(monkeypatch, Step(BEGINS_S + 2, "sleep", "lead", error_s, lasts_s))
+    assert missing == []
+    assert instants >= 399
+
+
 @pytest.mark.parametrize("how", ["kill", "power"])
 def test_a_node_that_ends_in_a_cut_keeps_what_it_took_and_does_not_end_the_recording_of_the_others(
     monkeypatch: pytest.MonkeyPatch, how: str

@@ -1,7 +1,10 @@
+import sys
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from capture_app.common import host_clock, system
 from capture_app.common.clock import HostClock, SimulatedClock, parse_clock
 from capture_app.common.errors import BadInputError
 from capture_app.common.host_clock import host_ns
@@ -32,6 +35,22 @@ def test_skew_counts_from_the_epoch() -> None:
 def test_skew_of_a_part_per_trillion_is_kept_over_a_year() -> None:
     year_ns = 365 * 24 * HOUR_NS
     assert SimulatedClock(0, 1e-6).local_from_true(year_ns) - year_ns == year_ns // 10**12
+
+
+@pytest.mark.parametrize("platform", ["linux", "darwin", "win32"])
+def test_the_hosts_clock_goes_on_while_the_machine_sleeps(
+    monkeypatch: pytest.MonkeyPatch, platform: str
+) -> None:
+    """A leader that slept was behind its cameras; Windows' clock goes on by itself."""
+    monkeypatch.setattr(host_clock, "_asleep_ns", [HOUR_NS])
+    monkeypatch.setattr(sys, "platform", platform)
+    lost_ns = []
+    for asleep_ns in (HOUR_NS + 50_000_000, 2 * HOUR_NS, 2 * HOUR_NS - 80_000_000, 2 * HOUR_NS + 40_000_000):
+        monkeypatch.setattr(system, "asleep_ns", lambda ns=asleep_ns: ns)
+        lost_ns.append(HostClock().local_from_true(7) - 7)
+        assert HostClock().true_from_local(lost_ns[-1] + 7) == 7
+    assert lost_ns == ([0] * 4 if platform == "win32" else [0, *[HOUR_NS] * 3])
+    assert host_clock.slept_ns() >= HOUR_NS
 
 
 def test_host_clock_is_the_hosts_own() -> None:

@@ -57,6 +57,12 @@ def test_a_function_takes_the_same_arguments_on_each_system(name: str) -> None:
             assert required == given, function
 
 
+def test_a_machine_that_does_not_sleep_is_not_said_to() -> None:
+    first_ns, *later_ns = (system.asleep_ns() for _ in range(100))
+    assert first_ns > -50_000_000
+    assert min(abs(ns - first_ns) for ns in later_ns) < 1_000_000
+
+
 def test_nobody_else_calls_what_a_system_lacks() -> None:
     calls = []
     for package in ("capture_app", "reconstruction"):

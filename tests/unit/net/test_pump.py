@@ -147,3 +147,17 @@ async def test_a_client_listens_to_its_leader_only(other: socket.socket) -> None
     engine.receive_datagram(b"leader", ("10.0.0.1", 47010), 3)
     assert received == [b"leader"]
     assert engine.datagrams_to_send(4) == [(b"hello", ("10.0.0.1", 47010))]
+
+
+@pytest.mark.parametrize(("late_ns", "order"), [(50_000_000, ["timer"]), (5_000_000_000, ["look", "timer"])])
+def test_a_timer_that_is_very_late_has_the_node_look_first_whether_the_machine_slept(
+    late_ns: int, order: list[str]
+) -> None:
+    """What was due in a sleep counted as dropped by the camera before the sleep was noticed."""
+    happened: list[str] = []
+    engine: Any = SimpleNamespace(handle_timer=lambda _: happened.append("timer"))
+    clock: Any = SimpleNamespace(now_ns=lambda: late_ns, local_from_true=int)
+    pump = Pump(engine, clock, lambda: happened.append("look"))
+    pump._due_ns = 0
+    pump._tick()
+    assert happened == order

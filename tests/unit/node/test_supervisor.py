@@ -10,6 +10,7 @@ import pytest
 from msgspec.structs import replace
 
 from capture_app.cameras.frames import CapturedFrame
+from capture_app.common import host_clock
 from capture_app.common.errors import CameraError
 from capture_app.node.camera import supervisor
 from capture_app.node.camera.supervisor import CameraSupervisor, NodeOptions
@@ -41,6 +42,7 @@ class Bench:
         self.batches: list[list[FrameStamp]] = []
         self.starts_ns: list[int] = []
         self.failures: list[str] = []
+        self.slept: list[tuple[int, int]] = []
         self.wanted: list[CameraCommand] = []
         options = NodeOptions(name="cam", label=label, open_camera=self._open, leaders=(), clock=self.clock)
         self.supervisor = CameraSupervisor(options, retry_s=0.0)
@@ -63,6 +65,9 @@ class Bench:
         self.supervisor.collect_commands()
 
     # As the engine
+
+    def wake_up(self, slept_ns: int, now_ns: int) -> None:
+        self.slept.append((slept_ns, len(self.batches)))
 
     has_burst_pending = False
 
@@ -174,6 +179,19 @@ async def test_a_camera_that_falls_silent_is_opened_again(monkeypatch: pytest.Mo
     await started(await bench.next_camera())
     assert bench.failures == ["it delivers no frames any more (check its cable)", ""]
     running.cancel()
+
+
+async def test_a_sleep_is_noticed_before_the_frames_after_it(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first = await bench.next_camera()
+    await started(first)
+    before_ns = host_clock.slept_ns()
+    for number, slept_ns in enumerate((0, 3_000_000_000, 3_000_000_000)):
+        monkeypatch.setattr(host_clock, "slept_ns", lambda ns=slept_ns: ns + before_ns)
+        first.on_frame(frame(number))
+        await asyncio.sleep(0)
+    assert bench.slept == [(3_000_000_000, 1)], "after a batch of frames, and before the next one"
 
 
 async def test_what_its_owner_calls_it_is_among_its_facts() -> None:

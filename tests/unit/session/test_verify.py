@@ -207,6 +207,22 @@ def test_an_honest_session_has_no_problems(session: Session) -> None:
     assert verify(session) == []
 
 
+def test_a_machine_that_was_started_again_has_times_of_two_clocks(session: Session) -> None:
+    def restart(m: dict[str, Any]) -> None:
+        last = [image for image in m["images"] if image["camera"] == "left"][-1]
+        last["local_ns"] -= 3_600_000_000_000
+        spell = {
+            "uncertainty_ns": 3_601_000_000_000,
+            "hard_bound_ns": 3_601_000_000_000,
+            "reason": "restarted",
+        }
+        at = {"from_local_ns": last["local_ns"] - 1, "until_local_ns": last["local_ns"] - 1}
+        next(of for of in m["cameras"] if of["name"] == "left")["widened"] = [spell | at]
+
+    claim(restart)(session)
+    assert verify(Session.open(session.folder)) == []
+
+
 @pytest.mark.parametrize(("kind", "lie"), [(kind, lie) for kind, lies in LIES.items() for lie in lies])
 def test_every_lie_is_found(session: Session, kind: ProblemKind, lie: str) -> None:
     tell, what = LIES[kind][lie]

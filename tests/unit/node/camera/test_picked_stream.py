@@ -63,6 +63,17 @@ def test_what_is_missing_is_told_in_runs_at_the_end() -> None:
     )
 
 
+def test_an_image_of_an_earlier_run_that_is_lost_afterwards_is_missing_once() -> None:
+    """The leader refused the whole report of a node that was started again, and all its later images."""
+    upload = streamed(1)
+    upload.extend(further(gaps=(0, 1, 2, 3), over=4))
+    for instant in (2, 0, 4):
+        upload.report_lost([instant], "its file in the spool is damaged")
+    upload.extend(further(over=5, ended=True))
+    told = upload.current_report().plan
+    assert [(run.first, run.count) for run in told.missing_runs] == [(0, 4), (4, 1)]
+
+
 def test_frames_that_turn_out_to_be_missing_after_later_ones_are_told_in_order() -> None:
     """The leader refused the whole report of a camera whose frame was lost while it was encoded."""
     upload = streamed(1, *(Picture(b"x") for _ in range(4)))

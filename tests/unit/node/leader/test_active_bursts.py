@@ -188,6 +188,7 @@ async def test_bursts_ahead_are_bounded_keep_nobody_waiting_and_can_be_cancelled
         assert "--cancel" in (refused.value.hint or "")
         now = await order(bursts)
         assert not now.finished.is_set(), "those ahead are not in its way"
+        assert bursts.under_way() == [now]
         assert now.status.first_leader_ns == now.burst.instants_ns[0]
         numbers = [session.burst.number for session in ahead]
         assert [burst.burst for burst in bursts.ahead] == numbers

@@ -1,6 +1,7 @@
 """Camera nodes on the leader's machine that end by themselves, with processes that are only drawn."""
 
 import asyncio
+import contextlib
 from contextlib import aclosing
 from pathlib import Path
 from types import SimpleNamespace
@@ -15,6 +16,8 @@ from capture_app.protocol.log import Log
 from capture_app.trust.trust import Trust
 
 pytestmark = pytest.mark.virtual
+STOPS_S = {"slow": 20.0, "stuck": 50.0}
+"""Time in which nodes of these names end, in seconds."""
 
 
 @pytest.fixture
@@ -34,14 +37,37 @@ def started_s(monkeypatch: pytest.MonkeyPatch, lives_s: list[float]) -> list[flo
         async def failure() -> CameraError:
             return CameraError(f"{name} ended")
 
-        async def stop() -> None:
-            pass
+        async def stop(timeout_s: float) -> bool:
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(timeout_s):
+                    await asyncio.sleep(STOPS_S.get(name, 0.0))
+                    return True
+            return False
 
         process = SimpleNamespace(wait=wait, returncode=None)
         return SimpleNamespace(process=process, spoken=spoken, failure=failure, stop=stop)
 
     monkeypatch.setattr("capture_app.node.leader.local_nodes.Child", SimpleNamespace(start=start))
     return times
+
+
+@pytest.mark.parametrize("lives_s", [[]])
+async def test_a_node_that_is_stopped_has_time_to_save_its_frames(
+    started_s: list[float], tmp_path: Path
+) -> None:
+    """It was killed after 2 s, and what a slow camera had taken was lost."""
+    log = Log()
+    nodes = LocalNodes(Address("127.0.0.1", 1), tmp_path, log, trust=Trust.open())
+    for name in ("quick", "slow", "stuck"):
+        await nodes.add_camera("v4l2:/dev/" + name, name)
+    begun_s = asyncio.get_running_loop().time()
+    await nodes.aclose()
+    assert asyncio.get_running_loop().time() - begun_s == pytest.approx(30.0, abs=0.1)
+    assert [line.text for line in log.after(0)] == [
+        "slow is still ending: it saves its frames first; stop again to drop them",
+        "stuck is still ending: it saves its frames first; stop again to drop them",
+        "stuck had not saved all its frames in 30 s, and was ended",
+    ]
 
 
 @pytest.mark.parametrize(

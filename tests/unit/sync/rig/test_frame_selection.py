@@ -109,6 +109,33 @@ def test_the_past_reaches_as_far_as_the_ring_buffer() -> None:
     assert [gap.reason for gap in gaps] == ["it had left the ring buffer"]
 
 
+def test_what_a_machine_slept_through_is_reported_as_that() -> None:
+    """Frames from before a sleep were taken for those of later instants, by the map from after it."""
+    ring, there = ring_of([n * PERIOD_NS for n in range(10)]), time_map(5 * PERIOD_NS)
+    ring.clear_after_sleep(10 * PERIOD_NS)
+    before, after = tuple(n * PERIOD_NS for n in range(6, 15)), (17 * PERIOD_NS,)
+    assert pick_frames(ring, there, before, PERIOD_NS)[1] == [Gap(n, "its machine slept") for n in range(9)]
+    assert pick_frames(ring, there, after, PERIOD_NS)[1] == [Gap(0, "the camera gave no frames")]
+    for late in (9, 12):
+        ring.add(late * PERIOD_NS, late)
+    picks, gaps = pick_frames(ring, there, (*before, *after), PERIOD_NS)
+    assert [pick.frame for pick in picks] == [12], "what was taken before comes too late"
+    assert gaps == [Gap(n, "its machine slept") for n in range(9)]
+
+
+def test_frames_that_were_selected_before_a_sleep_keep_their_times() -> None:
+    selection, grid = FrameSelection[int](), CameraGrid(FrameGrid(0, 1000))
+    selection.add(Trigger(0, 1, 1, 0, 1000, 4))
+    ring, where = ring_of([7, 1007, 2007]), (cast(Any, None), grid)
+    assert not selection.select_due(ring, *where, time_map(), now_ns=2007, is_member=False, is_last=True)
+    selection.keep_times()
+    ring.clear_after_sleep(2100)
+    ring.add(2508, 3)
+    ring.add(3508, 4)
+    (found,) = selection.select_due(ring, *where, time_map(500), now_ns=4000, is_member=False)
+    assert [pick.residual_ns for pick in found.frames] == [7, 7, 7, 8]
+
+
 def test_a_ring_buffer_takes_no_more_memory_than_it_may_but_has_the_newest_two_frames() -> None:
     ring = RingBuffer[str](max_bytes=100)
     for number in range(5):

@@ -9,6 +9,7 @@ from capture_app.common.clock import SimulatedClock
 from capture_app.plugins.cameras.sim.profiles import PROFILES
 from capture_app.sync.rig.events import PhaseMoved
 from capture_app.sync.rig.frame_selection import DROPPED, MAX_STREAMED_NS, MOVED, Burst, FramesSelected
+from capture_app.sync.timekeeping.clock_events import TimesDoubted
 from tests.unit.sync.rig.rigs import LAN, MS, S, ready_rig
 
 FRAMES = 300
@@ -139,6 +140,48 @@ def test_a_burst_without_an_ordered_end_ends_with_its_leader() -> None:
         picked = node.bursts[burst.number]
         assert picked.over == len(picked.frames) >= 50
         assert abs(picked.frames[0].residual_ns) < 100_000, "it begins on the grid, though its end is open"
+
+
+def test_a_machine_that_slept_knows_no_time_until_it_has_asked_again() -> None:
+    rig = rig_of_two()
+    burst = rig.trigger(frames=300, streamed=True)
+    assert rig.run_until(lambda: rig.now_true_ns > burst.instants_ns[52] - 5 * MS, limit_ns=10 * S)
+    client, now_ns = rig.nodes["cam1"].client, rig.nodes["cam1"].spec.clock.local_from_true(rig.now_true_ns)
+    client.wake_up(12 * S, now_ns)
+    events = [*iter(client.next_event, None)]
+    assert [pick.instant for event in events[:1] for pick in event.frames] == [51], "no nearer one comes"
+    (doubted,) = (event for event in events if isinstance(event, TimesDoubted))
+    assert (doubted.from_local_ns, doubted.until_local_ns) == (now_ns, now_ns)
+    assert doubted.error_ns > 12 * S
+    assert (client.why_joining, client.time_map) == ("its machine slept for 12.0 s", None)
+    assert rig.run_until(lambda: ended(rig, burst.number), limit_ns=20 * S)
+    assert (
+        rig.nodes["cam1"].client.timekeeper.clock.samples < rig.nodes["cam0"].client.timekeeper.clock.samples
+    )
+    assert not rig.nodes["cam1"].bursts[burst.number].gaps
+
+
+@pytest.mark.parametrize("is_before", [True, False])
+def test_a_burst_of_a_lost_leader_ends_with_a_sleep_as_its_time_is_lost(*, is_before: bool) -> None:
+    """It was selected by the time from before, or never ended, so that its last image stayed on its node."""
+    rig = rig_of_two()
+    burst = rig.trigger(frames=300, streamed=True)
+    assert rig.run_until(lambda: rig.now_true_ns > burst.instants_ns[52], limit_ns=10 * S)
+    rig.suspend_leader()
+    rig.run_for(2 * S)
+    node = rig.nodes["cam1"]
+    if is_before:
+        node.client.wake_up(12 * S, node.spec.clock.local_from_true(rig.now_true_ns))
+    rig.wake_leader()
+    rig.restart_leader()
+    assert rig.run_until(lambda: node.client.is_member, limit_ns=60 * S)
+    if not is_before:
+        assert node.client.has_burst_pending
+        node.client.wake_up(12 * S, node.spec.clock.local_from_true(rig.now_true_ns))
+    rig.run_for(S)
+    assert not node.client.has_burst_pending
+    assert node.bursts[burst.number].over < 300
+    assert node.bursts[burst.number].ended
 
 
 @pytest.mark.parametrize("lost_s", [0, 2])

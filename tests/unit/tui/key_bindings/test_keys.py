@@ -378,3 +378,29 @@ def test_the_page_names_actions_that_exist() -> None:
     named = set(re.findall(r'^    "([\w.-]+)" = ', page, re.MULTILINE))
     assert named
     assert unknown_names(named) == []
+
+
+async def test_an_earlier_take_is_ended_and_saved_too_before_the_rig_is_stopped() -> None:
+    """What was still arriving of it was cut off when the newest take was saved."""
+    rig = own_rig()
+    earlier = BurstStatus(
+        burst=1, name="recording-001", cameras=2, instants=9, received=5, expected=18, recording=True
+    )
+    rig.burst_status = BurstStatus(
+        burst=2, name="burst-001", cameras=2, instants=1, received=2, expected=2, done=True
+    )
+    rig.different = {"unsaved": (earlier,)}
+    app = make_app(rig)
+    async with app.run_test(size=(80, 24)) as pilot:
+        await settle(pilot)
+        await pilot.press("q")
+        question = str(app.screen.query_one(".question").render())
+        assert "recording-001 is recording: 5 of 18 images are here." in question
+        await pilot.press("f")
+        await settle(pilot)
+        await asyncio.sleep(2 * POLL_S)
+        assert rig.asked == [("order", EndBurst(burst=1))]
+        rig.different = {}
+        rig.tell()
+        await until(pilot, lambda: app.return_code is not None)
+    assert rig.asked[1:] == [("order", StopRig())]

@@ -92,7 +92,7 @@ GUESSED_IN_MOTION = (
 )
 TURNS, NEARLY_ALL, EVENLY = 5, 0.7, 0.8
 """Instants at which a turn is looked for, fraction of moving points that turn, and ratio of its speeds."""
-MIN_TURN_PX, MIN_TURN = 1.0, 0.05
+MIN_CIRCLING_PX, MIN_ROTATION = 1.0, 0.05
 """Minimum motion of a point, and minimum turn (rad), from frame to frame."""
 OUTLINE_COUNTS = 4.0
 """Number of points that an object's centre counts for: its whole outline determines it."""
@@ -312,14 +312,14 @@ class PairOffsets:
             images = [self._points(camera, instant, False) for instant in (before, before + 1)]
             matched = match_descriptors(images[0][0], images[1][0], MATCH_RATIO)
             at, after = (positions[1][chosen] for (_, positions), chosen in zip(images, matched, strict=True))
-            moves = np.linalg.norm(after - at, axis=1) > MIN_TURN_PX
+            moves = np.linalg.norm(after - at, axis=1) > MIN_CIRCLING_PX
             if moves.sum() < MIN_VOTES:
                 return 0.0
             motion, turning = cv2.estimateAffine2D(at[moves], after[moves])
             if motion is None or turning.mean() < NEARLY_ALL:
                 return 0.0
             turns.append(float(np.abs(np.angle(np.linalg.eigvals(motion[:, :2])[0]))))
-        is_even = bool(turns) and min(turns) > max(MIN_TURN, EVENLY * max(turns))
+        is_even = bool(turns) and min(turns) > max(MIN_ROTATION, EVENLY * max(turns))
         return 2 * np.pi / float(np.median(turns)) * self.dataset.period_ns / 1e6 if is_even else 0.0
 
     def _placed(self, fit: OffsetFit, cameras: tuple[str, str]) -> OffsetFit:

@@ -67,7 +67,7 @@ _COMMANDS = {
         "reconstruct trajectory SESSION": "track trajectory tracking",
         "reconstruct panorama SESSION": "panorama stitch pano",
         "reconstruct people SESSION": "gait angles pose2d pose3d markerless pose poses skeleton "
-        "mocap joints keypoints triangulate c3d bvh trc",
+        "mocap joints keypoints triangulate c3d bvh trc blender",
         "reconstruct movers SESSION": "matte mattes mask masks movers",
         "reconstruct compare SESSION": "compare evaluate report",
         "reconstruct time SESSION": "time offset offsets",

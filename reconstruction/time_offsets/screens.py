@@ -33,11 +33,11 @@ def find_screen(dataset: Dataset, camera: str) -> Array:
     changes = np.abs(np.diff(images, axis=0))
     changes = np.maximum(changes - NOISES * np.median(changes), 0)
     cells = -(-images.shape[2] // CELL_PX), -(-images.shape[1] // CELL_PX)
-    changed = np.stack([cv2.resize(one, cells, interpolation=cv2.INTER_AREA) for one in changes])
+    changed = np.stack([cv2.resize(change, cells, interpolation=cv2.INTER_AREA) for change in changes])
     beside = np.minimum(changed[:-2], changed[2:])
     stalls, moves = changed[1:-1] < STALLED**2 * beside, changed[1:-1] > STALLED * beside
     at_once = np.all(
-        [(of & (beside > MIN_CHANGE)).sum((1, 2)) >= MIN_CELLS for of in (stalls, moves)], axis=0
+        [(cell & (beside > MIN_CHANGE)).sum((1, 2)) >= MIN_CELLS for cell in (stalls, moves)], axis=0
     )
     if at_once.sum() < max(MIN_STALLS, MIN_RATE * len(at_once)):
         return nothing

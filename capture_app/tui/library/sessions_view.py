@@ -615,7 +615,10 @@ def import_question(folder: str) -> TextQuestion:
     def check(text: str) -> None:
         # `Path.is_dir` raises for impossible names and inaccessible folders.
         if not text.strip() or not os.path.isdir(typed_path(text)):  # noqa: PTH112
-            raise BadInputError("this folder does not exist")
+            is_file = bool(text.strip()) and os.path.isfile(typed_path(text))  # noqa: PTH113
+            raise BadInputError(
+                "this is a file: give its folder" if is_file else "this folder does not exist"
+            )
 
     return TextQuestion(
         "A folder of videos, or another program's recording. Clips taken together are found and aligned by "

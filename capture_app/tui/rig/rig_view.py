@@ -244,8 +244,9 @@ class RigView(ModeView):
             self._draw()
 
     def action_back(self) -> None:
-        """Show the cameras again, or leave the log."""
+        """Show the cameras again, or leave the log, which follows its newest line again."""
         self._adding = None
+        self._event_log.anchor()
         self._draw()
         self.focus_first()
 
@@ -275,7 +276,11 @@ class RigView(ModeView):
 
     def action_log(self) -> None:
         """Move the focus to the log for scrolling, or back."""
-        (self._cameras.rows if self._event_log.has_focus else self._event_log).focus()
+        if self._event_log.has_focus:
+            self._event_log.anchor()
+            self._cameras.rows.focus()
+        else:
+            self._event_log.focus()
 
     @work(group="orders")
     async def action_stagger(self) -> None:

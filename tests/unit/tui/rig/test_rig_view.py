@@ -156,6 +156,10 @@ async def test_the_newest_line_of_the_log_is_visible_after_another_mode() -> Non
         rig.news("one more, while one reads an old one")
         await settle(pilot)
         assert log.scroll_y < log.max_scroll_y - 1
+        await pilot.press("L")
+        rig.news("and one when the log is left")
+        await settle(pilot)
+        assert log.scroll_y == log.max_scroll_y
 
 
 async def test_a_phase_that_comes_home_is_a_trace_into_the_band() -> None:

@@ -57,7 +57,7 @@ def coverage(board: "Board", for_s: float | None, leader: Address, as_json: bool
             hint="show the board there, and run it again",
         )
     if not as_json:
-        print_line("the coverage is complete: a burst of such views calibrates the rig")
+        print_line("the coverage is complete: record half a minute in which the board moves like this")
 
 
 async def _count(

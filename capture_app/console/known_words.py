@@ -160,10 +160,12 @@ RESULTS = {
 """Commands whose results people look for among the formats of an export, with words for them."""
 _ACTIONS = {
     "capture-app theme": "dark light colour colours color colors night contrast appearance",
-    "capture-app rig add": "webcam webcams usb device devices simulated simulate sim node connect",
+    "capture-app rig add": "webcam webcams usb device devices simulated simulate sim node connect rtsp "
+    "ip-camera",
+    "capture-app shoot live-people": "osc vmc mocap joints skeleton",
     "capture-app app quit": "exit close leave",
     "capture-app app help": "keys shortcuts",
-    "capture-app cameras set": "shutter iso",
+    "capture-app cameras set": "shutter iso lock-exposure",
     "capture-app node fps": "fps frame-rate framerate rate hz",
     "capture-app sessions empty-trash": "disk space storage size free",
     "capture-app sessions look": "disk storage size",

@@ -44,7 +44,7 @@ PHONE_STEPS = (
 )
 MAX_MISSING = 4
 """Views named at a time that a board has not covered."""
-_COVERED = ("The coverage is complete: a burst of such views calibrates the rig.", "$success")
+_COVERED = ("The coverage is complete: record half a minute in which the board moves like this.", "$success")
 _USED = ("The last code was used or has expired. For the next device:", "$success")
 
 

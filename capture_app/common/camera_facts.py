@@ -240,7 +240,9 @@ def parse_settings(texts: Iterable[str]) -> dict[Control, ControlValue]:
         name, _, value = text.partition("=")
         if name not in tuple(Control):
             raise BadInputError(
-                f"no control {name!r}", hint=f"write CONTROL=VALUE, with one of {', '.join(Control)}"
+                f"no control {name!r}",
+                hint=f"write CONTROL=VALUE, with one of {', '.join(Control)}; ISO is gain, and a shutter of "
+                "1/125 s is exposure=8000",
             )
         try:
             settings[Control(name)] = convert(value, ControlValue, strict=False)

@@ -26,6 +26,7 @@ _COMMANDS = {
         "capture-app leader": "server master host main controller serve-rig",
         "capture-app node --camera SPEC": "client slave join connect worker agent attach",
         "capture-app cameras": "devices list-devices list-cameras webcam webcams ls-cameras scan discover",
+        "capture-app cameras add SPEC": "add-camera addcamera",
         "capture-app cameras set CONTROL=VALUE": "exposure gain focus settings config controls set shutter "
         "iso white-balance whitebalance wb",
         "capture-app cameras remove NAME": "kick eject",
@@ -46,8 +47,8 @@ _COMMANDS = {
         "capture-app sessions verify SESSION": "check verify validate fsck",
         "capture-app sessions wiggle SESSION": "play",
         "capture-app sessions empty-trash": "purge clean empty-trash prune",
-        "capture-app status": "nodes info stats state health sync synchronize genlock jam jam-sync accuracy "
-        "clock latency dropped drops",
+        "capture-app status": "sync-check sync-status nodes info stats state health sync synchronize genlock "
+        "jam jam-sync accuracy clock latency dropped drops",
         "capture-app doctor": "check diagnose test disk space storage du firewall network wifi",
         "capture-app rig list": "ps rigs log logs",
         "capture-app, by the line that installed it (docs/install.md)": "update upgrade install",
@@ -74,6 +75,7 @@ _COMMANDS = {
         "capture-app panel show": "timecode time-code led",
         "reconstruct board FILE": "make-board print-board board charuco chessboard checkerboard",
         "reconstruct view SESSION": "orbit flythrough view walk render bullet-time bullettime",
+        "reconstruct view SESSION --page": "share publish viewer",
     },
     "capture-app sessions": {
         "capture-app sessions trash SESSION": "delete rm remove del",
@@ -95,6 +97,8 @@ _COMMANDS = {
         "cloud fusion 3d volumetric",
         "reconstruct multiview SESSION --mesh": "mesh poisson mesher",
         "reconstruct stereo SESSION": "disparity sgbm pair",
+        "reconstruct calibrate SESSION --mark CAMERA=X,Y --distance-m M": "scale measure",
+        "reconstruct view SESSION --page": "share",
         "reconstruct calibrate SESSION": "sfm mapper calib calibration intrinsics extrinsics poses colmap",
         "reconstruct splat SESSION": "splats gsplat gaussian gaussians gaussian-splat gaussian-splatting "
         "splatfacto train 3dgs nerf nerfacto",
@@ -129,6 +133,8 @@ _COMMANDS = {
         "capture-app rig stop": "down kill quit end",
         "capture-app rig start": "up run launch new",
         "capture-app rig list": "ls ps status show",
+        "capture-app cameras add SPEC": "add connect",
+        "capture-app cameras remove NAME": "remove",
     },
     "capture-app trust": {
         "capture-app trust list": "ls show",
@@ -153,7 +159,7 @@ FORMATS = {
 }
 """Formats of `sessions export`, each with the programs that read it and other words for it."""
 RESULTS = {
-    "reconstruct people SESSION": "c3d trc skeleton",
+    "reconstruct people SESSION": "c3d trc skeleton fbx bvh",
     "reconstruct multiview SESSION": "ply pointcloud point-cloud mesh glb",
     "reconstruct movers SESSION": "matte mattes mask masks",
 }
@@ -232,7 +238,7 @@ _OPTIONS_OF = {
 }
 """Options that mean this of certain commands alone, in the same form."""
 _OF_A_SESSION = {"reconstruct": "reconstruct compare", "capture-app": "capture-app sessions show"}
-_VIDEOS = (".mp4", ".mov", ".mkv", ".avi", ".mts")
+_FOOTAGE = (".mp4", ".mov", ".mkv", ".avi", ".mts", ".jpg", ".jpeg", ".png", ".tif", ".tiff")
 _NUMBERS = {
     "integer": "a whole number",
     "integer range": "a whole number",
@@ -281,12 +287,14 @@ def advise(error: click.UsageError, typed_line: Sequence[str] = ()) -> str:
     else:
         what, typed, word = "command", error.command_name, error.command_name
         known = commands
-        if word.casefold().endswith(_VIDEOS):
+        if word.casefold().endswith(_FOOTAGE):
             return f"'{typed}' is a file: capture-app sessions import FILE ... imports it"
         for place in (Path(word), Path("sessions", word)):
             is_session = os.path.isfile(place / "session.json")  # noqa: PTH113 - no word makes it raise
             if is_session and (line := _OF_A_SESSION.get(error.ctx.command_path)):
                 return f"'{typed}' is a session; the command comes first: {line} {place}"
+        if word.strip("./") and os.path.isdir(word):  # noqa: PTH112 - the same
+            return f"'{typed}' is a folder: capture-app sessions import {typed} imports it"
     unknown = f"No such {what} '{typed}'"
     meant = _lines_for(word, known)
     # A word of two meanings: `info take1` is about a session, `info` about the rig.

@@ -362,7 +362,7 @@ async def connect(
         why = os.strerror(error.errno) if isinstance(error, OSError) and error.errno else str(error)
         raise NetworkError(
             f"no leader at {address}: {why}",
-            hint=f"start one with: capture-app leader{port}",
+            hint=f"start one with: capture-app leader{port}; the screen starts its own: capture-app",
         ) from error
     channel = Channel[Any](reader, writer, msgspec.json.Decoder(messages))
     channel.who = who

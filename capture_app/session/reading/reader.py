@@ -252,6 +252,11 @@ def _instead_of(path: Path) -> str:
     inside = Path("sessions", path.name)
     if inside.is_dir() and inside.absolute() != path.absolute():
         return f"it is {inside}"
+    if path.name in ("last", "latest", "newest"):
+        there = [one.parent for one in Path("sessions").glob(f"*/{MANIFEST}")]
+        return (
+            f"the newest is {max(there, key=lambda one: one.stat().st_mtime)}" if there else "take one first"
+        )
     if path.exists():
         return f"it has no {MANIFEST}; footage is imported first: capture-app sessions import {path}"
     return "capture-app sessions list shows what is there"

@@ -1,5 +1,6 @@
 """First guesses of people who know other programs, and what each is answered with."""
 
+import os
 import shlex
 from pathlib import Path
 
@@ -11,6 +12,7 @@ from capture_app.common.errors import ExitCode
 from capture_app.common.plugins import plugin_names
 from capture_app.console.known_words import _COMMANDS, _OPTIONS, FORMATS, RESULTS, takes_argument
 from capture_app.session.exporting.exporter import GROUP
+from capture_app.session.reading.reader import no_session
 from reconstruction.cli import run as run_reconstruct
 from tests.command_lines import every_command
 
@@ -75,6 +77,11 @@ capture-app pose > reconstruct people SESSION
 capture-app depthmap > reconstruct multiview SESSION
 capture-app play x > capture-app sessions wiggle SESSION
 capture-app update > capture-app, by the line that installed it (docs/install.md)
+capture-app sync-check > capture-app status
+capture-app add-camera x > capture-app cameras add SPEC
+capture-app rig add x > capture-app cameras add SPEC
+capture-app share x > reconstruct view SESSION --page
+reconstruct scale x > reconstruct calibrate SESSION --mark CAMERA=X,Y --distance-m M
 capture-app uninstall > capture-app, by make uninstall or pip uninstall simulshot
 capture-app check > capture-app doctor
 capture-app check x > capture-app sessions verify SESSION
@@ -358,3 +365,26 @@ def test_a_usage_error_says_what_is_taken(line: str, said: str, capsys: pytest.C
     command, *arguments = shlex.split(line)
     assert RUN[command](arguments) == ExitCode.USAGE
     assert f"{command}: error: {said}" in capsys.readouterr().err
+
+
+def test_a_folder_or_a_picture_as_a_command_is_imported_first(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "photos").mkdir()
+    for typed, answer in (
+        ("photos", "is a folder: capture-app sessions import photos"),
+        ("a.JPG", "is a file"),
+    ):
+        assert run_capture_app([typed]) == ExitCode.USAGE
+        assert answer in capfd.readouterr().err
+
+
+def test_the_last_session_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert "take one first" in str(no_session(Path("last")))
+    for name in ("a", "b"):
+        (tmp_path / "sessions" / name).mkdir(parents=True)
+        (tmp_path / "sessions" / name / "session.json").touch()
+    os.utime(tmp_path / "sessions" / "a", (2e9, 2e9))
+    assert str(Path("sessions", "a")) in str(no_session(Path("last")))

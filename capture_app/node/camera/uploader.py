@@ -128,6 +128,8 @@ class Sender:
             refused: tuple[Upload, Refusal] | None = None
             if (ended := next((burst for burst in self._bursts if burst.has_ended), None)) is not None:
                 await self._take_all_answers()
+                if not ended.has_ended:
+                    continue  # its recording was taken up again meanwhile
                 disputed = ", ".join(str(image.record.instant) for image in ended.disputed)
                 what = f"the leader has different images of instants {disputed}"
                 return ended, Refusal(what=what) if disputed and ended.state is UploadState.SENDING else None

@@ -24,6 +24,7 @@ FOUND = {
     1042: "a recording that ended within two seconds contradicted its clock record",
     1262: "a power cut took what a node had found in its spool: a run that was killed had not synced it",
     2089: "a leader that was killed had not yet told its cameras of a burst that it had cancelled",
+    2498: "a node whose recording was taken up again while it waited for answers deleted what came since",
     3906: "a camera that offered an image it had not reported had its session opened for ever",
     3907: "a recording did not wait for an image that had been reported missing before",
     3913: "frames of beyond a recording's end were refused for ever",

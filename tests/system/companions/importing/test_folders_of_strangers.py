@@ -47,7 +47,7 @@ def import_folder(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str])
     assert folder.said in printed.out + printed.err
     # Without the lines of progress, which are one bar in a terminal.
     shown = [line for line in (printed.out + printed.err).splitlines() if not line.startswith("[")]
-    assert len(shown) <= 26 * max(1, len(folder.sessions))
+    assert len(shown) <= 27 * max(1, len(folder.sessions))
     assert code == (ExitCode.BAD_INPUT if folder.refused else ExitCode.OK)
     if folder.refused:
         assert not out.exists()

@@ -109,7 +109,7 @@ def describe(found: PeoplePreview, times_s: "deque[float]", titles: dict[str, st
     """Describe an instant in a line, by the times (s) at which the latest ones came."""
     if found.problem:
         return found.problem
-    words = ["1 person" if len(found.people) == 1 else f"{len(found.people)} people"]
+    words = [found.counted]
     errors = [row[3] for person in found.people for row in person.joints.values()]
     if errors:
         words.append(f"{count(len(errors), 'joint')}, 95 % error {median(errors):.3g} {found.unit}".strip())

@@ -75,6 +75,11 @@ class PeoplePreview(LivePicture, frozen=True):
     unit: str = ""
     """Unit of length of the calibration, such as m; empty if it has none."""
 
+    @property
+    def counted(self) -> str:
+        """How many people there are, in words: 1 person, 2 people."""
+        return "1 person" if len(self.people) == 1 else f"{len(self.people)} people"
+
 
 def pack(message: Struct) -> bytes:
     """Return a message with its length in front."""

@@ -95,7 +95,7 @@ class Stage(ContentSwitcher):
         camera = self._record.title(found.camera)
         what = f"depth of {camera}"
         if isinstance(found, PeoplePreview):
-            what = "1 person" if len(found.people) == 1 else f"{len(found.people)} people"
+            what = found.counted
         words = [f"Live · {printable(found.problem) or what}"]
         if not found.problem:
             self._found_s.append(self._record.clock())

@@ -32,9 +32,7 @@ def begin(
     joints = engine.skeleton.joints
 
     def find(given: InstantImages, images: Mapping[str, Array]) -> PeoplePreview:
-        found = engine.find(
-            {name: images[name] for name in images if name in engine.views}, given.instant_ns / 1e9
-        )
+        found = engine.find(images, given.instant_ns / 1e9)
         people = []
         for one in found:
             rows = np.column_stack([one.positions, one.error])

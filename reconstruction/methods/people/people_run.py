@@ -177,12 +177,6 @@ class PeopleFinder:
             for tracks in self.people
         ]  # fmt: skip
 
-    def project(self, camera: int, points: Array) -> Array:
-        """Return the pixels (..., 2), without distortion, of points (..., 3) in a camera."""
-        projection = self.projections[camera]
-        homogeneous = points @ projection[:, :3].T + projection[:, 3]
-        return np.asarray(homogeneous[..., :2] / homogeneous[..., 2:])
-
     def _tracks(self, individual: Individual, found: Sequence[Mapping[int, Detections]]) -> list[Track]:
         """Return one track a camera of an individual."""
         tracks = list[Track]()

@@ -11,6 +11,7 @@ from capture_app.companions.exporting.export_session import export_session
 from capture_app.companions.importing.recording import ImportOptions
 from capture_app.companions.importing.times.tables import timeline_by_tables
 from capture_app.plugins.footage.gopro import parse_payload, read_gps_clock
+from capture_app.plugins.footage.sound import read_sound
 from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.manifest import CALIBRATION
 from capture_app.session.importing.calibrations import read_views
@@ -43,6 +44,25 @@ def import_file(name: str) -> Reader:
                     pass
 
     return read
+
+
+def import_whole(name: str) -> Reader:
+    """A recording of all cameras in one file, imported."""
+
+    def read(data: bytes, folder: Path) -> None:
+        put(folder / name, data)
+        with suppress(SimulshotError):
+            import_one([str(folder / name)], folder, "imported", ImportOptions())
+
+    return read
+
+
+def read_sound_file(data: bytes, folder: Path) -> None:
+    """The sound of a recording, as alignment reads it."""
+    path = folder / "sound.wav"
+    put(path, data)
+    with suppress(SimulshotError):
+        read_sound(path)
 
 
 def read_gopro(data: bytes, folder: Path) -> None:

@@ -10,13 +10,16 @@ from tests.fuzz.folders import Reader
 from tests.fuzz.import_readers import (
     import_exported,
     import_file,
+    import_whole,
     read_calibration,
     read_gopro,
     read_picture,
     read_rig,
     read_sidecar,
+    read_sound_file,
     read_table,
 )
+from tests.fuzz.joint_readers import read_joints
 from tests.fuzz.network_readers import (
     read_app_phone,
     read_datagram,
@@ -48,6 +51,12 @@ READERS: dict[str, Reader] = {
     "picture": read_picture,
     "import-picture": import_file("000001.jpg"),
     "import-video": import_file("video.mp4"),
+    "import-bag": import_whole("film.bag"),
+    "sound": read_sound_file,
+    "joints-coco": read_joints(".json"),
+    "joints-deeplabcut": read_joints(".csv"),
+    "joints-hdf5": read_joints(".h5"),
+    "joints-freemocap": read_joints(".npy"),
     "gopro": read_gopro,
     "table": read_table,
     "calibration-toml": read_calibration("camera_array.toml"),

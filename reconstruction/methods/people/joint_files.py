@@ -91,7 +91,7 @@ def _rows_of(where: str, labelled: Sequence[int], images: _Images, start: str) -
     Raises:
         BadInputError: the labels are of another film, or it is open of which of its frames they are.
     """
-    numbers, own = np.array(labelled, np.int64), sorted(images.numbers.values())
+    numbers, own = np.array(labelled, object), sorted(images.numbers.values())
     low, high, end = int(numbers.min()), int(numbers.max()), images.total or own[-1] + 1
     in_order = start == SESSION or (start == "auto" and not images.of_film and len(numbers) == end)
     if in_order:

@@ -112,5 +112,6 @@ def rate_of(times_s: Array) -> float:
 def opened_h5(path: Path) -> Iterator[Any]:
     """Open an H5 file. Raises BadInputError if it is broken, NotAvailableError if h5py is not installed."""
     h5py, data = load_optional("h5py", "people", "reading H5"), io.BytesIO(read_input(path))
-    with rejecting(f"{path} is not a readable H5 file", OSError), h5py.File(data, "r") as file:
+    broken = OSError, RuntimeError, ArithmeticError, MemoryError
+    with rejecting(f"{path} is not a readable H5 file", *broken), h5py.File(data, "r") as file:
         yield file

@@ -5,14 +5,14 @@ import socket
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager, suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import pytest
 
 from capture_app.common.address import Address
 from capture_app.common.errors import UnknownMachineError
 from capture_app.common.pairing_codes import Role
-from capture_app.net.channel import Channel, StreamTimeouts, connect
+from capture_app.net.channel import CHUNK_BYTES, Channel, StreamTimeouts, connect
 from capture_app.trust.trust import Trust
 from tests.unit.net.echoes import Ping, Pong, echo, received_from, serving
 
@@ -167,3 +167,19 @@ async def test_half_a_greeting_holds_no_stream_for_long(
             await ask(address, machine)
         assert await ask(address, leader) == (Pong(7), b"picture")
     assert not caplog.records, "none of it is an error of the leader's"
+
+
+async def test_only_known_machines_get_a_large_buffer(leader: Trust, machine: Trust) -> None:
+    introduce(machine, leader)
+    sizes: list[int] = []
+
+    async def serve(channel: Channel[Any]) -> None:
+        sizes.append(cast(Any, channel)._writer.transport._ssl_protocol.max_size)
+        await echo(channel)
+
+    async with serving(serve, trust=leader) as address:
+        assert await ask(address, machine) == (Pong(7), b"picture")
+        async with await connect(address, Pong, trust=machine, as_unknown=True) as channel:
+            await channel.send(Ping(7))
+            await received_from(channel)
+    assert sizes == [CHUNK_BYTES, 1 << 15]

@@ -17,6 +17,7 @@ from capture_app.common import system
 from capture_app.common.errors import BadInputError
 from capture_app.session.format.burst_plan import PLAN
 from capture_app.session.format.manifest import (
+    GROUND_TRUTH,
     JOURNAL,
     MANIFEST,
     ImageRecord,
@@ -179,7 +180,8 @@ def read_card(folder: Path) -> SessionCard:
         instants=instants,
         images=images,
         size_bytes=sum(image.bytes for image in manifest.images)
-        + sum(video.bytes for video in manifest.videos),
+        + sum(video.bytes for video in manifest.videos)
+        + disk_bytes(folder / GROUND_TRUTH),
         missing=manifest.expected_images - images,
         loss=max(frames_lost(manifest).values(), default=0) / max(1, manifest.ordered_instants),
         absent=manifest.burst.absence,

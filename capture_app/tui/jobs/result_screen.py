@@ -92,7 +92,11 @@ def read_result(run: Run, log: Sequence[str] = ()) -> ShownResult:
             run.message,
             tuple(_pictures(found, words, path.parent)),
             msgspec.convert(words.get("tables", ()), tuple[ResultTable, ...]),
-            (*skipped, *left_out, *words.get("remarks", ()), *printed),
+            tuple(
+                note
+                for note in dict.fromkeys((*skipped, *left_out, *words.get("remarks", ()), *printed))
+                if note != run.message
+            ),
         )
     except OSError as error:
         raise BadInputError(f"cannot read {path}: {error.strerror}", hint="run it again") from error

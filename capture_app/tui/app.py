@@ -402,11 +402,13 @@ class SimulshotApp(App[None]):
         elif answer in (STOP, LEAVE):
             self._end(stop_rig=answer == STOP)
         elif answer == STAY:
+            self._record.ending = ""
             self.workers.cancel_group(self, "leaving")
 
     @work(group="leaving", exclusive=True)
     async def _finish(self) -> None:
         """End a recording, and stop the rig when all takes are saved; the screen stays usable meanwhile."""
+        self._record.ending = "stops when saved"
         self.notify("The rig stops when the take is saved; q asks again", timeout=SCREEN_STOP_TIMEOUT_S)
         for take in filter(_goes_on, _unsaved(self._record.status)):
             with contextlib.suppress(SimulshotError):  # it has just ended

@@ -361,7 +361,9 @@ class SimulshotApp(App[None]):
             )
 
     async def action_switch_mode(self, mode: str) -> None:
-        """Show a mode itself: a single camera that was open there is closed."""
+        """Show a mode itself: a single camera, or the page to add some, that was open there is closed."""
+        if mode == self.current_mode and isinstance(view := self._views[mode], RigView):
+            view.action_back()
         await self.switch_mode(mode)
         if isinstance(self.screen, CameraScreen):
             self.screen.action_leave()

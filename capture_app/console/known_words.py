@@ -168,9 +168,10 @@ RESULTS = {
 """Commands whose results people look for among the formats of an export, with words for them."""
 _ACTIONS = {
     "capture-app theme": "dark light colour colours color colors night contrast appearance",
-    "capture-app rig add": "webcam webcams usb device devices simulated simulate sim node connect rtsp "
-    "ip-camera ip-cameras ipcam onvif network-camera",
-    "capture-app shoot live-people": "osc vmc mocap joints skeleton",
+    "capture-app rig add": "webcam webcams usb device devices simulated simulate sim node connect",
+    "capture-app rig board": "board charuco chessboard checkerboard print-board pdf paper",
+    "capture-app cameras add": "rtsp ip-camera ip-cameras ipcam onvif network-camera cctv",
+    "capture-app shoot live-people": "mocap joints skeleton",
     "capture-app app quit": "exit close leave",
     "capture-app app help": "keys shortcuts",
     "capture-app cameras set": "shutter iso lock-exposure",

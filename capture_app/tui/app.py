@@ -43,6 +43,30 @@ from capture_app.tui.shoot.shoot_view import ShootView
 from capture_app.tui.signs import DARK, PLAIN, THEMES
 from capture_app.tui.widgets.picture import SharpTerminal, find_sharp_terminal
 
+_IN_RIG = (
+    (
+        "capture-app cameras set",
+        "Exposure, gain, white balance, focus",
+        "in Rig, enter opens a camera, and X sets it",
+    ),
+    (
+        "capture-app node fps",
+        "Frames a second",
+        "of a recording, the rate in Shoot; of a camera, in its spec, as in "
+        "`capture-app node --camera v4l2:/dev/video0,fps=60`",
+    ),
+    (
+        "capture-app cameras add",
+        "IP cameras",
+        "by RTSP, in another terminal: `capture-app cameras add rtsp://USER:PASSWORD@HOST/PATH`",
+    ),
+    (
+        "capture-app people",
+        "Joints as OSC or LSL",
+        "in another terminal, while the rig runs: `capture-app people --osc 127.0.0.1:9000`",
+    ),
+)
+"""Entries of the palette that say how a thing is done: command line, title and words."""
 LEAVE, FINISH, STOP, STAY = "leave", "finish", "stop", "stay"
 POLL_S = 0.2
 """Interval at which a take that is awaited is looked at, s."""
@@ -333,23 +357,8 @@ class SimulshotApp(App[None]):
         ):
             run = partial(self.action_run_in_mode, "sessions", f"on_session('{action}', '{choice}')")
             yield line, SystemCommand(title, f"{what}, from the session selected in Sessions", run, False)
-        yield (
-            "capture-app cameras set",
-            SystemCommand(
-                "Exposure, gain, white balance, focus",
-                "in Rig, enter opens a camera, and X sets it",
-                partial(self.action_switch_mode, "rig"),
-            ),
-        )
-        yield (
-            "capture-app node fps",
-            SystemCommand(
-                "Frames a second",
-                "of a recording, the rate in Shoot; of a camera, in its spec, as in "
-                "`capture-app node --camera v4l2:/dev/video0,fps=60`",
-                partial(self.action_switch_mode, "rig"),
-            ),
-        )
+        for line, title, what in _IN_RIG:
+            yield line, SystemCommand(title, what, partial(self.action_switch_mode, "rig"))
         yield (
             "capture-app theme",
             SystemCommand("Theme", "dark, light, no colour and others", self.action_change_theme),

@@ -280,7 +280,7 @@ def open_report(widget: Widget, report: Path | None) -> None:
     path = report.resolve()
     if "SSH_CONNECTION" in os.environ or "SSH_TTY" in os.environ or not _has_browser():
         widget.app.copy_to_clipboard(str(path))
-        widget.app.notify(f"The report is on this machine:\n{path}", markup=False, timeout=30)
+        widget.app.notify(f"The file is on this machine:\n{path}", markup=False, timeout=30)
     else:
         widget.app.open_url(path.as_uri())
         widget.app.notify(f"Opened\n{path}", markup=False)

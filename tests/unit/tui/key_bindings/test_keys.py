@@ -109,6 +109,10 @@ async def test_the_palette_does_what_a_key_does() -> None:
         ("disk", "Empty the trash"),
         ("size", "Look"),
         ("kill", "Remove"),
+        ("IP cameras", "IP cameras"),
+        ("onvif", "IP cameras"),
+        ("OSC", "Joints as OSC or LSL"),
+        ("charuco", "Print a board"),
     ],
 )
 async def test_the_palette_finds_an_action_by_the_words_of_other_programs(typed: str, title: str) -> None:

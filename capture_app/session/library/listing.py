@@ -158,9 +158,10 @@ def read_card(folder: Path) -> SessionCard:
     """Read the list entry of a session that has a manifest."""
     try:
         manifest = read_manifest(folder / MANIFEST)
-        videos = (video for video in manifest.videos if video.frames)
-        first = next(chain[ImageRecord | VideoRecord](manifest.images, videos), None)
-        first_image = None if first is None else inside(folder, first.path)
+        records = chain[ImageRecord | VideoRecord](
+            manifest.images, (video for video in manifest.videos if video.frames)
+        )
+        first_image = next((inside(folder, record.path) for record in records), None)
     except BadInputError as error:
         return SessionCard(
             folder=folder,

@@ -433,9 +433,10 @@ class ShootView(ModeView):
             if status.ended and take.ended_s is None:
                 take.ended_s = self._record.clock()
                 # Space is then meant for it, unless its length was chosen.
-                chosen_s = self.plan_panel.settings.seconds
                 take.has_ended_alone = (
-                    status.recording and take.plan is not None and take.plan.seconds != chosen_s
+                    status.recording
+                    and take.plan is not None
+                    and take.plan.seconds != self.plan_panel.settings.seconds
                 )
             take.note_saved(self._record.clock())
             if status.done:

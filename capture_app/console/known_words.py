@@ -310,12 +310,11 @@ def advise(error: click.UsageError, typed_line: Sequence[str] = ()) -> str:
     unknown = f"No such {what} '{typed}'"
     # Of two words, such as `grab video`, both together decide.
     after = typed_line[typed_line.index(typed) + 1 :] if typed in typed_line else ()
-    both = _lines_for(f"{word}-{after[0].lstrip('-')}", known) if after else []
-    meant = _lines_for(word, known)
+    meant = _lines_for(f"{word}-{after[0].lstrip('-')}", known) if after else []
     # A word of two meanings: `info take1` is about a session, `info` about the rig.
-    meant.sort(key=lambda line: takes_argument(line) is not (typed in typed_line[:-1]))
-    if both or meant:
-        return f"{unknown}: it is {[*both, *meant][0]}"
+    meant += sorted(_lines_for(word, known), key=lambda line: takes_argument(line) is not bool(after))
+    if meant:
+        return f"{unknown}: it is {meant[0]}"
     close = get_close_matches(typed.casefold(), names, 1, _CLOSE)
     rows = _COMMANDS.get(error.ctx.command_path.split()[0], {}) if what == "option" else {}
     elsewhere = [

@@ -18,6 +18,7 @@ import msgspec
 import numpy as np
 
 from benchmarks.report import Report, new_parser, print_report, print_table, talk
+from capture_app.session.files.untrusted_files import indented
 from capture_app.session.format.manifest import MANIFEST
 
 SAMPLES = Path(__file__).parents[2] / "sample_sessions"
@@ -69,7 +70,7 @@ def write_session(folder: Path, count: int) -> None:
         images.append(image | own | {"sha256": hashlib.sha256(path.encode()).hexdigest()})
     manifest["burst"]["instants_ns"] = [10**9 + 10**7 * n for n in range(-(-count // 10))]
     manifest |= {"cameras": [camera | {"name": name} for name in names], "images": images, "missing": []}
-    (folder / MANIFEST).write_bytes(msgspec.json.encode(manifest))
+    (folder / MANIFEST).write_bytes(indented(msgspec.json.encode(manifest)))
 
 
 def measure_commands(folder: Path, count: int) -> list[Report]:

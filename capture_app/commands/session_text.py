@@ -9,7 +9,7 @@ from capture_app.common.camera_facts import describe_stamp
 from capture_app.common.templates import render_lines
 from capture_app.common.text import duration
 from capture_app.console.terminal import table
-from capture_app.session.format.manifest import CameraRecord, Manifest
+from capture_app.session.format.manifest import CameraRecord, ImageRecord, Manifest
 from capture_app.session.library.listing import SessionCard
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verdict import find_sync_record, judge, pixels, skipped_text
@@ -73,9 +73,12 @@ def session_lines(session: Session) -> Iterator[str]:
         pixels=pixels,
     )
     yield ""
+    images = defaultdict[str, list[ImageRecord]](list)
+    for image in manifest.images:
+        images[image.camera].append(image)
     yield table(
         ("camera", "size", "images", "95 % within", "hard bound", "off instant", "phase", "dropped"),
-        [_camera_row(manifest, camera) for camera in manifest.cameras],
+        [_camera_row(manifest, camera, images[camera.name]) for camera in manifest.cameras],
     )
     yield from render_lines(
         "session_cameras.txt", __package__, manifest=manifest, describe_stamp=describe_stamp
@@ -101,8 +104,7 @@ def _true_differences_ns(session: Session) -> list[int]:
     ]
 
 
-def _camera_row(manifest: Manifest, camera: CameraRecord) -> tuple[str, ...]:
-    images = [image for image in manifest.images if image.camera == camera.name]
+def _camera_row(manifest: Manifest, camera: CameraRecord, images: Sequence[ImageRecord]) -> tuple[str, ...]:
     dropped = sum(missing.dropped for missing in manifest.missing if missing.camera == camera.name)
     return (
         manifest.labels[camera.name],

@@ -17,7 +17,7 @@ _COMMANDS = {
         "fire",
         "capture-app burst --interval-s S": "timelapse time-lapse interval intervalometer",
         "capture-app burst --on-motion": "motion motion-detection",
-        "capture-app record": "video film movie stream rec recording",
+        "capture-app record": "video film movie rec recording grab-video capture-video",
         "capture-app record --stop": "end-recording stop-recording",
         "capture-app rig start": "start up run launch",
         "capture-app rig stop": "stop down quit kill shutdown end",
@@ -53,8 +53,8 @@ _COMMANDS = {
         "capture-app rig list": "ps rigs log logs",
         "capture-app, by the line that installed it (docs/install.md)": "update upgrade install",
         "capture-app, by make uninstall or pip uninstall simulshot": "uninstall",
-        "capture-app phones": "phone mobile android ios qr",
-        "capture-app monitor": "dashboard live watch",
+        "capture-app phones": "phone mobile android ios qr join-qr pair-qr",
+        "capture-app monitor": "dashboard live watch stream livestream broadcast",
         "capture-app --version": "version",
         "capture-app --help": "help",
         "capture-app people": "osc vmc live-people livemocap live-mocap",
@@ -97,7 +97,7 @@ _COMMANDS = {
         "cloud fusion 3d volumetric",
         "reconstruct multiview SESSION --mesh": "mesh poisson mesher",
         "reconstruct stereo SESSION": "disparity sgbm pair",
-        "reconstruct calibrate SESSION --mark CAMERA=X,Y --distance-m M": "scale measure",
+        "reconstruct calibrate SESSION --mark CAMERA=X,Y --distance-m M": "scale measure align-gcp gcp",
         "reconstruct view SESSION --page": "share",
         "reconstruct calibrate SESSION": "sfm mapper calib calibration intrinsics extrinsics poses colmap",
         "reconstruct splat SESSION": "splats gsplat gaussian gaussians gaussian-splat gaussian-splatting "
@@ -131,6 +131,8 @@ _COMMANDS = {
     },
     "capture-app rig": {
         "capture-app rig stop": "down kill quit end",
+        "capture-app record": "record video film rec",
+        "capture-app burst": "burst capture shoot take photo",
         "capture-app rig start": "up run launch new",
         "capture-app rig list": "ls ps status show",
         "capture-app cameras add SPEC": "add connect",
@@ -160,15 +162,16 @@ FORMATS = {
 """Formats of `sessions export`, each with the programs that read it and other words for it."""
 RESULTS = {
     "reconstruct people SESSION": "c3d trc skeleton fbx bvh",
-    "reconstruct multiview SESSION": "ply pointcloud point-cloud mesh glb",
+    "reconstruct multiview SESSION": "ply las laz e57 obj pointcloud point-cloud mesh glb",
     "reconstruct movers SESSION": "matte mattes mask masks",
 }
 """Commands whose results people look for among the formats of an export, with words for them."""
 _ACTIONS = {
     "capture-app theme": "dark light colour colours color colors night contrast appearance",
-    "capture-app rig add": "webcam webcams usb device devices simulated simulate sim node connect rtsp "
-    "ip-camera",
-    "capture-app shoot live-people": "osc vmc mocap joints skeleton",
+    "capture-app rig add": "webcam webcams usb device devices simulated simulate sim node connect",
+    "capture-app rig board": "board charuco chessboard checkerboard print-board pdf paper",
+    "capture-app cameras add": "rtsp ip-camera ip-cameras ipcam onvif network-camera cctv",
+    "capture-app shoot live-people": "mocap joints skeleton",
     "capture-app app quit": "exit close leave",
     "capture-app app help": "keys shortcuts",
     "capture-app cameras set": "shutter iso lock-exposure",
@@ -211,7 +214,7 @@ _OPTIONS = {
     "--detach": "d background daemon",
     "--min-nodes": "min-cameras nodes cameras",
     "--quick": "fast preview draft quality",
-    "--mesh": "poisson",
+    "--mesh": "poisson glb gltf obj",
     "--iterations": "steps iters max-iterations",
     "--verbose": "debug trace log-level",
     "--keypoints": "dlc deeplabcut openpose sleap mmpose alphapose coco",
@@ -226,7 +229,11 @@ _OPTIONS = {
 """Options, each with other programs' words for it, without hyphens; the first that a command has wins."""
 _SIMULATED = {"--camera sim:phone-a": "simulated simulate sim simulation fake dummy virtual"}
 _OPTIONS_OF = {
-    "reconstruct calibrate": {"--board": "charuco chessboard checkerboard"},
+    "reconstruct calibrate": {
+        "--board": "charuco chessboard checkerboard",
+        "--mark CAMERA=X,Y --distance-m M": "gcp scale",
+    },
+    "reconstruct multiview": {"--out DIR, with a PLY in it": "format ply las"},
     **dict.fromkeys(("capture-app", "capture-app node", "capture-app rig start"), _SIMULATED),
     "reconstruct people": {
         "--out DIR, with CSV, TRC, C3D and glTF in it": "c3d trc csv gltf glb fbx bvh format"
@@ -234,9 +241,11 @@ _OPTIONS_OF = {
     "capture-app sessions export": {
         **{f"--to {name}": f"{name} {words}" for name, words in FORMATS.items()},
         "in each export, as frames.csv": "csv",
+        **{line: " ".join(f"format-{word}" for word in words.split()) for line, words in RESULTS.items()},
     },
 }
 """Options that mean this of certain commands alone, in the same form."""
+_MODELS = (".glb", ".gltf", ".obj", ".ply", ".usdz")
 _OF_A_SESSION = {"reconstruct": "reconstruct compare", "capture-app": "capture-app sessions show"}
 _FOOTAGE = (".mp4", ".mov", ".mkv", ".avi", ".mts", ".jpg", ".jpeg", ".png", ".tif", ".tiff")
 _NUMBERS = {
@@ -273,6 +282,9 @@ def takes_argument(line: str) -> bool:
 
 def advise(error: click.UsageError, typed_line: Sequence[str] = ()) -> str:
     """Return the message of a usage error, with what was probably meant by an unknown command or option."""
+    models = [word for word in typed_line if word.casefold().endswith(_MODELS)]
+    if models and isinstance(error, click.MissingParameter | click.NoSuchCommand):
+        return f"'{models[0]}' is a 3D model: Blender shows it, and reconstruct view shows sessions"
     if error.ctx is None or not isinstance(error, click.NoSuchOption | click.NoSuchCommand):
         return _in_our_words(error)
     command = error.ctx.command
@@ -286,7 +298,7 @@ def advise(error: click.UsageError, typed_line: Sequence[str] = ()) -> str:
         known = _OPTIONS_OF.get(error.ctx.command_path, {}) | known | commands | own
     else:
         what, typed, word = "command", error.command_name, error.command_name
-        known = commands
+        known = commands | {f"{error.ctx.command_path} {name} --help": f"help-{name}" for name in names}
         if word.casefold().endswith(_FOOTAGE):
             return f"'{typed}' is a file: capture-app sessions import FILE ... imports it"
         for place in (Path(word), Path("sessions", word)):
@@ -296,9 +308,11 @@ def advise(error: click.UsageError, typed_line: Sequence[str] = ()) -> str:
         if word.strip("./") and os.path.isdir(word):  # noqa: PTH112 - the same
             return f"'{typed}' is a folder: capture-app sessions import {typed} imports it"
     unknown = f"No such {what} '{typed}'"
-    meant = _lines_for(word, known)
+    # Of two words, such as `grab video`, both together decide.
+    after = typed_line[typed_line.index(typed) + 1 :] if typed in typed_line else ()
+    meant = _lines_for(f"{word}-{after[0].lstrip('-')}", known) if after else []
     # A word of two meanings: `info take1` is about a session, `info` about the rig.
-    meant.sort(key=lambda line: takes_argument(line) is not (typed in typed_line[:-1]))
+    meant += sorted(_lines_for(word, known), key=lambda line: takes_argument(line) is not bool(after))
     if meant:
         return f"{unknown}: it is {meant[0]}"
     close = get_close_matches(typed.casefold(), names, 1, _CLOSE)

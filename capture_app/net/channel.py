@@ -364,7 +364,7 @@ async def connect(
         why = os.strerror(error.errno) if isinstance(error, OSError) and error.errno else str(error)
         raise NetworkError(
             f"no leader at {address}: {why}",
-            hint=f"start one with: capture-app leader{port}; the screen starts its own: capture-app",
+            hint=f"capture-app rig list shows what runs here; start one with: capture-app rig start{port}",
         ) from error
     channel = Channel[Any](reader, writer, msgspec.json.Decoder(messages))
     channel.who = who

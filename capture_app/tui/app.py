@@ -43,6 +43,30 @@ from capture_app.tui.shoot.shoot_view import ShootView
 from capture_app.tui.signs import DARK, PLAIN, THEMES
 from capture_app.tui.widgets.picture import SharpTerminal, find_sharp_terminal
 
+_IN_RIG = (
+    (
+        "capture-app cameras set",
+        "Exposure, gain, white balance, focus",
+        "in Rig, enter opens a camera, and X sets it",
+    ),
+    (
+        "capture-app node fps",
+        "Frames a second",
+        "of a recording, the rate in Shoot; of a camera, in its spec, as in "
+        "`capture-app node --camera v4l2:/dev/video0,fps=60`",
+    ),
+    (
+        "capture-app cameras add",
+        "IP cameras",
+        "by RTSP, in another terminal: `capture-app cameras add rtsp://USER:PASSWORD@HOST/PATH`",
+    ),
+    (
+        "capture-app people",
+        "Joints as OSC or LSL",
+        "in another terminal, while the rig runs: `capture-app people --osc 127.0.0.1:9000`",
+    ),
+)
+"""Entries of the palette that say how a thing is done: command line, title and words."""
 LEAVE, FINISH, STOP, STAY = "leave", "finish", "stop", "stay"
 POLL_S = 0.2
 """Interval at which a take that is awaited is looked at, s."""
@@ -333,23 +357,8 @@ class SimulshotApp(App[None]):
         ):
             run = partial(self.action_run_in_mode, "sessions", f"on_session('{action}', '{choice}')")
             yield line, SystemCommand(title, f"{what}, from the session selected in Sessions", run, False)
-        yield (
-            "capture-app cameras set",
-            SystemCommand(
-                "Exposure, gain, white balance, focus",
-                "in Rig, enter opens a camera, and X sets it",
-                partial(self.action_switch_mode, "rig"),
-            ),
-        )
-        yield (
-            "capture-app node fps",
-            SystemCommand(
-                "Frames a second",
-                "of a recording, the rate in Shoot; of a camera, in its spec, as in "
-                "`capture-app node --camera v4l2:/dev/video0,fps=60`",
-                partial(self.action_switch_mode, "rig"),
-            ),
-        )
+        for line, title, what in _IN_RIG:
+            yield line, SystemCommand(title, what, partial(self.action_switch_mode, "rig"))
         yield (
             "capture-app theme",
             SystemCommand("Theme", "dark, light, no colour and others", self.action_change_theme),
@@ -361,7 +370,9 @@ class SimulshotApp(App[None]):
             )
 
     async def action_switch_mode(self, mode: str) -> None:
-        """Show a mode itself: a single camera that was open there is closed."""
+        """Show a mode itself: a single camera, or the page to add some, that was open there is closed."""
+        if mode == self.current_mode and isinstance(view := self._views[mode], RigView):
+            view.action_back()
         await self.switch_mode(mode)
         if isinstance(self.screen, CameraScreen):
             self.screen.action_leave()
@@ -402,11 +413,13 @@ class SimulshotApp(App[None]):
         elif answer in (STOP, LEAVE):
             self._end(stop_rig=answer == STOP)
         elif answer == STAY:
+            self._record.ending = ""
             self.workers.cancel_group(self, "leaving")
 
     @work(group="leaving", exclusive=True)
     async def _finish(self) -> None:
         """End a recording, and stop the rig when all takes are saved; the screen stays usable meanwhile."""
+        self._record.ending = "stops when saved"
         self.notify("The rig stops when the take is saved; q asks again", timeout=SCREEN_STOP_TIMEOUT_S)
         for take in filter(_goes_on, _unsaved(self._record.status)):
             with contextlib.suppress(SimulshotError):  # it has just ended

@@ -51,6 +51,8 @@ class Header(Lines):
         status = self._record.status
         sign = NO_LEADER if self._record.lost else WAITING if status is None else rig_sign(status)
         yield Content.styled(str(sign), f"bold {sign.style}")
+        if self._record.ending:
+            yield Content.styled(self._record.ending, "bold $warning")
         if status is None:
             return
         if status.order:

@@ -34,6 +34,8 @@ class RigRecord:
     status: RigStatus | None = None
     lost: str = ""
     """Reason why the leader does not answer; empty while it does."""
+    ending: str = ""
+    """What the screen waits for before it stops the rig; empty if it does not."""
     _moments: LeaderMoments = field(default_factory=LeaderMoments)
     log: deque[LogLine] = field(default_factory=lambda: deque(maxlen=MAX_LOG_LINES))
     phases: dict[str, deque[tuple[float, int | None]]] = field(default_factory=dict)

@@ -269,8 +269,7 @@ def write_mask(
             f"{path} is not a picture of {width}x{height} pixels",
             hint="reconstruct movers makes masks of the images' size",
         )
-    white: Picture = np.where(cv2.cvtColor(mask, cv2.COLOR_BGR2GRAY) > 127, 255, 0).astype(np.uint8)
-    if redraw:
-        white = np.where(redraw(white) > 127, 255, 0).astype(np.uint8)
+    drawn = redraw(mask) if redraw else mask
+    white: Picture = np.where(cv2.cvtColor(drawn, cv2.COLOR_BGR2GRAY) > 127, 255, 0).astype(np.uint8)
     target.parent.mkdir(parents=True, exist_ok=True)
     target.write_bytes(encode_image(white if movers else 255 - white, ".png"))

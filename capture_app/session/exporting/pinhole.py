@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping
+from itertools import product
 
 import numpy as np
 from msgspec import UNSET, structs
@@ -79,12 +80,11 @@ def min_focal(camera: CameraCalibration, width: int, height: int) -> float:
     The picture is a pinhole's with a centred principal point. Raises BadInputError if none is filled.
     """
     across, down = np.linspace(-width / 2, width / 2, 41), np.linspace(-height / 2, height / 2, 41)
-    edge = [(x, y) for x in across for y in (down[0], down[-1])]
-    edge += [(x, y) for y in down for x in (across[0], across[-1])]
-    half = np.array([camera.width, camera.height]) / 2
+    edge = np.array([*product(across, down[[0, -1]]), *product(across[[0, -1]], down)])
+    lens, half = lens_of(camera), np.array([camera.width, camera.height]) / 2
 
     def fills(focal: float) -> bool:
-        seen = lens_of(camera).project(np.array(edge) / focal)
+        seen = lens.project(edge / focal)
         return bool((np.abs(seen - (half - 0.5)) <= half + 1e-6).all())
 
     # Search from a narrow view outwards: far outside its image a lens's polynomial may map rays back into it.

@@ -16,7 +16,7 @@ from capture_app.session.format.manifest import ImageRecord
 
 T = TypeVar("T")
 TIME_BASE = Fraction(1, 1_000_000)
-_QUALITY: dict[str, str] = {"crf": "15", "preset": "veryfast", "bf": "0"}
+_QUALITY: dict[str, str] = {"crf": "17", "preset": "superfast", "bf": "0"}
 _LOSSLESS: dict[str, str] = {"qp": "0", "preset": "veryfast", "bf": "0"}
 _BT601 = 6  # ITU-T H.273's number for the matrix that JPEG uses too
 _LIMITED_RANGE = 1
@@ -60,7 +60,7 @@ def write_video(
             stream.codec_context.colorspace = _BT601
             stream.codec_context.color_range = _LIMITED_RANGE
         for since_us, picture in _in_us(path, frames):
-            frame = av.VideoFrame.from_ndarray(picture, format="bgr24")
+            frame = av.VideoFrame.from_numpy_buffer(np.ascontiguousarray(picture), format="bgr24")
             if not lossless:
                 frame = frame.reformat(format=stream.pix_fmt, interpolation=rounding)
             frame.pts, frame.time_base = since_us, TIME_BASE

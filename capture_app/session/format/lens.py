@@ -13,7 +13,7 @@ from capture_app.session.format.calibration import TERMS, CameraCalibration
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
 Redraw = Callable[[Picture], Picture]
-"""Function that redraws a camera's image as seen by another lens."""
+"""Function that redraws a camera's image (BGR) as seen by another lens."""
 Maps = tuple[NDArray[np.float32], NDArray[np.float32]]
 """x and y of the pixel that each pixel of an image shows, for OpenCV's `remap`."""
 _STEPS = 30
@@ -312,8 +312,9 @@ def redrawing(camera: CameraCalibration, target: CameraCalibration) -> Redraw | 
 
     def redraw(picture: Picture) -> Picture:
         # OpenCV's bicubic kernel (a = -0.75) does not preserve a ramp: it shifts a smooth dot by up to 0.06
-        # px.
-        return np.asarray(cv2.remap(picture, *maps, cv2.INTER_LINEAR), np.uint8)
+        # px. It redraws four channels in half the time of three.
+        four = cv2.remap(cv2.cvtColor(picture, cv2.COLOR_BGR2BGRA), *maps, cv2.INTER_LINEAR)
+        return np.asarray(cv2.cvtColor(four, cv2.COLOR_BGRA2BGR), np.uint8)
 
     return redraw
 

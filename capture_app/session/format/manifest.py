@@ -310,7 +310,7 @@ class Manifest(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     software: str
     cameras: tuple[CameraRecord, ...]
     burst: BurstRecord
-    images: tuple[ImageRecord, ...]
+    images: Sequence[ImageRecord]
     missing: tuple[MissingImage, ...] = ()
     sync: SyncRecord | None = None
     rig: Name = RIG
@@ -494,31 +494,32 @@ def inside(folder: Path, path: str) -> Path:
     raise BadInputError(f"{folder / MANIFEST} names {path!r}, which is {what}", hint=RESTORE)
 
 
-def check_inside(folder: Path, paths: Iterable[str]) -> set[str]:
-    """Check paths that a manifest states as `inside` does, and return the paths of plain files that exist.
+class PathCheck:
+    """Check of paths that a manifest states, as by `inside`; a session may have a million images.
 
-    Each of their folders is looked at once, as a session may have a million images.
+    A folder is looked at once: if all in it are regular files and no links, so is what a path there names.
     """
-    listed: dict[str, set[str]] = {}
-    plain = set[str]()
-    for path in paths:
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._is_plain: dict[str, bool] = {}
+
+    def __call__(self, path: str) -> None:
+        """Raise BadInputError as `inside` does."""
         parent, _, name = path.rpartition("/")
-        if parent and parent not in listed:
-            listed[parent] = _plain_files(inside(folder, parent))
-        if name in listed.get(parent, ()) and "\\" not in name:
-            plain.add(path)
-        else:
-            inside(folder, path)
-    return plain
+        if parent and parent not in self._is_plain:
+            self._is_plain[parent] = _has_only_files(inside(self._folder, parent))
+        if not self._is_plain.get(parent) or not name.strip(".") or "\\" in name or "\0" in name:
+            inside(self._folder, path)
 
 
-def _plain_files(folder: Path) -> set[str]:
-    """Return the names of a folder's regular files that are no links; none if there is no such folder."""
+def _has_only_files(folder: Path) -> bool:
+    """Return whether a folder exists and contains nothing but regular files, none of them a link."""
     try:
         with os.scandir(folder) as entries:
-            return {entry.name for entry in entries if entry.is_file(follow_symlinks=False)}
+            return all(entry.is_file(follow_symlinks=False) for entry in entries)
     except OSError:
-        return set()
+        return False
 
 
 def check_references(path: Path, manifest: Manifest) -> None:

@@ -155,9 +155,10 @@ def _preserved(image: ImageRecord) -> dict[str, Any]:
 
 
 def _write_images(session: Session, timeline: Timeline, writer: SessionWriter) -> None:
+    images = tuple(session.manifest.images)
     for number, instant in enumerate(timeline.instants):
         for name, frame in instant.frames.items():
-            file = session.image_file(session.manifest.images[frame.index])
+            file = session.image_file(images[frame.index])
             writer.add_image(
                 file.read_bytes(),
                 camera=name,

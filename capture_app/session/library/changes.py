@@ -150,7 +150,7 @@ def _changeable(folder: Path, **changed: str | UnsetType) -> Iterator[None]:
 
 def _write_changed(folder: Path, manifest: Manifest) -> None:
     """Write manifest and plan, and their lines of the checksums; other lines stay unchanged."""
-    written = {MANIFEST: indented(msgspec.json.encode(manifest))}
+    written = {MANIFEST: indented(msgspec.json.encode(manifest, enc_hook=tuple))}
     if (folder / PLAN).is_file():
         plan = structs.replace(read_plan(folder), name=manifest.name, note=manifest.note)
         written[PLAN] = indented(msgspec.json.encode(plan))

@@ -15,15 +15,16 @@ from msgspec.structs import replace
 
 from capture_app.common import system
 from capture_app.common.errors import BadInputError
-from capture_app.session.files.untrusted_files import read_struct
 from capture_app.session.format.burst_plan import PLAN
 from capture_app.session.format.manifest import (
+    GROUND_TRUTH,
     JOURNAL,
     MANIFEST,
-    SCHEMA_VERSION,
-    Manifest,
+    ImageRecord,
+    VideoRecord,
     inside,
 )
+from capture_app.session.format.stored_manifest import read_manifest
 from capture_app.session.reading.decoding import decode_image, encode_image
 from capture_app.session.reading.reader import writing_state
 from capture_app.session.reading.take_sheet import fit
@@ -77,8 +78,8 @@ class SessionCard(Struct, frozen=True, kw_only=True):
     note: str = ""
     label: str = ""
     """What its owner calls it, if not its name."""
-    first_images: tuple[Path, ...] = ()
-    """The first image of each camera that has one, or its video, in the cameras' order."""
+    first_image: Path | None = None
+    """The first image, or a video."""
     problem: str = ""
     """Why the session cannot be used."""
     remedy: str = ""
@@ -156,10 +157,11 @@ def best_synchronized(cards: list[SessionCard]) -> SessionCard | None:
 def read_card(folder: Path) -> SessionCard:
     """Read the list entry of a session that has a manifest."""
     try:
-        manifest = read_struct(folder / MANIFEST, Manifest, SCHEMA_VERSION)
-        files = {video.camera: video.path for video in reversed(manifest.videos) if video.frames}
-        files |= {image.camera: image.path for image in reversed(manifest.images)}
-        first = tuple(inside(folder, files[name]) for name in manifest.labels if name in files)
+        manifest = read_manifest(folder / MANIFEST)
+        records = chain[ImageRecord | VideoRecord](
+            manifest.images, (video for video in manifest.videos if video.frames)
+        )
+        first_image = next((inside(folder, record.path) for record in records), None)
     except BadInputError as error:
         return SessionCard(
             folder=folder,
@@ -178,8 +180,9 @@ def read_card(folder: Path) -> SessionCard:
         cameras=tuple(manifest.labels.values()),
         instants=instants,
         images=images,
-        size_bytes=sum(record.bytes for record in manifest.images)
-        + sum(record.bytes for record in manifest.videos),
+        size_bytes=sum(image.bytes for image in manifest.images)
+        + sum(video.bytes for video in manifest.videos)
+        + disk_bytes(folder / GROUND_TRUTH),
         missing=manifest.expected_images - images,
         loss=max(frames_lost(manifest).values(), default=0) / max(1, manifest.ordered_instants),
         absent=manifest.burst.absence,
@@ -189,7 +192,7 @@ def read_card(folder: Path) -> SessionCard:
         late=0 if sync is None else sync.late,
         note=manifest.note,
         label=manifest.label or "",
-        first_images=first,
+        first_image=first_image,
     )
 
 

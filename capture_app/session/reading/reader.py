@@ -2,6 +2,7 @@
 
 import os
 from functools import cached_property
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, Self
 
@@ -33,16 +34,15 @@ from capture_app.session.format.manifest import (
     JOURNAL,
     MANIFEST,
     NO_INSTANT,
-    SCHEMA_VERSION,
     CameraRecord,
     FrameRecord,
     ImageRecord,
     Manifest,
+    PathCheck,
     VideoRecord,
-    check_inside,
-    check_references,
     inside,
 )
+from capture_app.session.format.stored_manifest import read_manifest
 
 if TYPE_CHECKING:
     import numpy as np
@@ -65,9 +65,7 @@ class Session:
         """Take a checked `manifest`, as stored on disk."""
         self.folder = folder
         self.stored_manifest = manifest
-        self._files: dict[str, Path] = {}
-        self._plain = set[str]()
-        """Paths of the manifest that are known to be of plain files within the folder."""
+        self._check = PathCheck(folder)
         self._cameras = {camera.name: camera for camera in manifest.cameras}
 
     @classmethod
@@ -82,11 +80,10 @@ class Session:
             raise no_session(folder)
         if not (folder / MANIFEST).is_file():
             raise _without_manifest(folder)
-        manifest = read_struct(folder / MANIFEST, Manifest, SCHEMA_VERSION)
-        check_references(folder / MANIFEST, manifest)
+        manifest = read_manifest(folder / MANIFEST)
         session = cls(folder, manifest)
-        paths = [*(image.path for image in manifest.images), *(video.path for video in manifest.videos)]
-        session._plain = check_inside(folder, paths)
+        for record in chain[ImageRecord | VideoRecord](manifest.images, manifest.videos):
+            session._check(record.path)
         return session
 
     @cached_property
@@ -131,12 +128,8 @@ class Session:
 
         Raises BadInputError if its path is outside the session.
         """
-        if record.path not in self._files:
-            is_checked = record.path in self._plain
-            self._files[record.path] = (
-                self.folder / record.path if is_checked else inside(self.folder, record.path)
-            )
-        return self._files[record.path]
+        self._check(record.path)
+        return self.folder / record.path
 
     def image_place(self, record: ImageRecord) -> tuple[Path, int]:
         """Return the file that contains an image, and its byte offset there. Raises as `image_file` does."""

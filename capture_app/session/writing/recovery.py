@@ -1,7 +1,7 @@
 """Session recovery after a crash: find the intact images and move all others aside."""
 
 import hashlib
-from collections.abc import Container
+from collections.abc import Container, Sequence
 from contextlib import suppress
 from pathlib import Path
 
@@ -9,7 +9,7 @@ import msgspec
 
 from capture_app.common.errors import BadInputError
 from capture_app.session.files.durable import PART, free_name, make_folders, sync_folder, write_atomic
-from capture_app.session.files.untrusted_files import read_regular, read_struct
+from capture_app.session.files.untrusted_files import read_regular
 from capture_app.session.format.journal import (
     TRUE_TIMES_JOURNAL,
     TrueTime,
@@ -21,11 +21,10 @@ from capture_app.session.format.manifest import (
     IMAGES,
     JOURNAL,
     MANIFEST,
-    SCHEMA_VERSION,
     ImageRecord,
-    Manifest,
     check_image_path,
 )
+from capture_app.session.format.stored_manifest import read_manifest
 from capture_app.session.reading.checksums import changed_files
 
 Key = tuple[str, int]
@@ -58,10 +57,10 @@ def recover_images(folder: Path) -> tuple[dict[Key, ImageRecord], tuple[Key, ...
     return safe, tuple(key for key in records if key not in safe)
 
 
-def _images_of_intact_manifest(folder: Path) -> tuple[ImageRecord, ...]:
+def _images_of_intact_manifest(folder: Path) -> Sequence[ImageRecord]:
     with suppress(BadInputError):
         if (folder / MANIFEST).is_file() and MANIFEST not in dict(changed_files(folder)):
-            return read_struct(folder / MANIFEST, Manifest, SCHEMA_VERSION).images
+            return read_manifest(folder / MANIFEST).images
     return ()
 
 

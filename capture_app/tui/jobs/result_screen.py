@@ -92,7 +92,11 @@ def read_result(run: Run, log: Sequence[str] = ()) -> ShownResult:
             run.message,
             tuple(_pictures(found, words, path.parent)),
             msgspec.convert(words.get("tables", ()), tuple[ResultTable, ...]),
-            (*skipped, *left_out, *words.get("remarks", ()), *printed),
+            tuple(
+                note
+                for note in dict.fromkeys((*skipped, *left_out, *words.get("remarks", ()), *printed))
+                if note != run.message
+            ),
         )
     except OSError as error:
         raise BadInputError(f"cannot read {path}: {error.strerror}", hint="run it again") from error
@@ -276,7 +280,7 @@ def open_report(widget: Widget, report: Path | None) -> None:
     path = report.resolve()
     if "SSH_CONNECTION" in os.environ or "SSH_TTY" in os.environ or not _has_browser():
         widget.app.copy_to_clipboard(str(path))
-        widget.app.notify(f"The report is on this machine:\n{path}", markup=False, timeout=30)
+        widget.app.notify(f"The file is on this machine:\n{path}", markup=False, timeout=30)
     else:
         widget.app.open_url(path.as_uri())
         widget.app.notify(f"Opened\n{path}", markup=False)

@@ -118,7 +118,7 @@ class SessionRows(RowList[Entry]):
         super().__init__(ROWS, self._draw_entry, id="sessions")
         self._cache = thumbnails
         self._runs = runs
-        self._thumbs: dict[tuple[Path, ...], CellPicture | None] = {}
+        self._thumbs: dict[Path | None, CellPicture | None] = {}
         self._requested: list[str] = []
         self.further: dict[Path, int] = {}
         """Bytes beyond its images of each folder's session: its results, or all of an incomplete one.
@@ -167,10 +167,10 @@ class SessionRows(RowList[Entry]):
         return justified(time_difference, Content("  ").join(tags), room)
 
     def _thumb_line(self, entry: Entry, line: int, plain: Style) -> Strip:
-        images = entry.card.first_images[:1]
-        thumb = self._thumbs.get(images)
+        image = entry.card.first_image
+        thumb = self._thumbs.get(image)
         if thumb is None:
-            if images and images not in self._thumbs and entry.key not in self._requested:
+            if image and image not in self._thumbs and entry.key not in self._requested:
                 self._requested.append(entry.key)
                 if len(self._requested) == 1:
                     self._load()
@@ -182,10 +182,10 @@ class SessionRows(RowList[Entry]):
         """Load newly visible thumbnails in a thread, latest first."""
         while self._requested:
             key = self._requested[-1]
-            images = self.items[key].card.first_images[:1] if key in self.items else ()
-            if images:
-                self._thumbs[images] = await draw_for(
-                    self.app, partial(load_thumbnail, self._cache, images[0]), Size(THUMB, ROWS)
+            image = self.items[key].card.first_image if key in self.items else None
+            if image:
+                self._thumbs[image] = await draw_for(
+                    self.app, partial(load_thumbnail, self._cache, image), Size(THUMB, ROWS)
                 )
             self._requested.remove(key)
             self.show_again(key)

@@ -186,7 +186,7 @@ async def show_coverage(source: RigLink, rig: RigStatus | None, screen: GuideScr
     from capture_app.rig.board_coverage import watch_coverage  # loads OpenCV's detectors
 
     foot = (
-        "Show the printed board (reconstruct board board.pdf) to all cameras. Then take a burst of it, and "
+        "Show the printed board (G in Rig makes it) to all cameras. Then take a burst of it, and "
         "calibrate from the board: A in Sessions. Another board: capture-app coverage --board",
         "$foreground-muted",
     )

@@ -1,6 +1,7 @@
 """Mode Rig: the rig's readiness with advice, its cameras, and its log."""
 
 import asyncio
+import contextlib
 import re
 import textwrap
 from functools import partial
@@ -14,6 +15,7 @@ from textual.content import Content
 
 from capture_app.common.address import ANY_HOST, LOOPBACK_HOSTS, parse_address
 from capture_app.common.camera_facts import PHONE
+from capture_app.common.child import ask_reconstruct
 from capture_app.common.errors import SimulshotError
 from capture_app.common.node_state import NodeState
 from capture_app.common.plugins import COMMANDS, load_plugin, plugin_names
@@ -23,6 +25,7 @@ from capture_app.protocol.orders import AddCamera, RemoveCamera, StaggerCameras
 from capture_app.protocol.status import LogLine, RigStatus
 from capture_app.rig.process import start_rig
 from capture_app.rig.rig_link import LinkLost, RigLink
+from capture_app.tui.jobs.result_screen import open_report
 from capture_app.tui.mode import ModeView
 from capture_app.tui.question import Answer, Question, TextQuestion
 from capture_app.tui.rig.camera_list import CameraList
@@ -91,6 +94,14 @@ class RigView(ModeView):
             show=False,
             id="rig.coverage",
             tooltip="views of a calibration board that are missing, live",
+        ),
+        Binding(
+            "G",
+            "board",
+            "Print a board",
+            show=False,
+            id="rig.board",
+            tooltip="a calibration board to print at true size, as PDF",
         ),
         Binding("escape", "back", "Back", id="rig.back"),
     ]
@@ -304,6 +315,16 @@ class RigView(ModeView):
         """Show live which views of a calibration board are missing."""
         guide = partial(show_coverage, self._source, self._record.status)
         self.app.push_screen(GuideScreen("coverage", "Calibration board", 60, guide))
+
+    @work(group="board", exclusive=True)
+    async def action_board(self) -> None:
+        """Write the default calibration board to print, and open it."""
+        page = self._sessions / "board.pdf"
+        with contextlib.suppress(OSError):  # the command says why it cannot write there
+            page.parent.mkdir(parents=True, exist_ok=True)
+        with showing_errors(self):
+            await ask_reconstruct(("board", str(page)), object)
+            open_report(self, page)
 
     def action_guide(self, name: str) -> None:
         """Show a companion's instructions: how to check the rig with a panel, or to watch it on a phone."""

@@ -205,6 +205,13 @@ class ShootView(ModeView):
             self._order(EndBurst(burst=recording.status.burst))
             recording.ended_s = self._record.clock()
             self._show_course()
+        elif self.takes and (last := self.takes[-1]).has_ended_alone:
+            last.has_ended_alone = False
+            self.notify(
+                f"{last.name} has ended by itself, after {last.length_s(self._record.clock()):.0f} s; "
+                "Space again records the next one",
+                markup=False,
+            )
         else:
             self._shoot(self.plan_panel.plan())
 
@@ -425,6 +432,12 @@ class ShootView(ModeView):
             take.status, take.problem = status, ""
             if status.ended and take.ended_s is None:
                 take.ended_s = self._record.clock()
+                # Space is then meant for it, unless its length was chosen.
+                take.has_ended_alone = (
+                    status.recording
+                    and take.plan is not None
+                    and take.plan.seconds != self.plan_panel.settings.seconds
+                )
             take.note_saved(self._record.clock())
             if status.done:
                 self._judge(take)

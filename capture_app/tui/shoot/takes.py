@@ -43,6 +43,8 @@ class Take:
     """Time at which the screen first received its status."""
     ended_s: float | None = None
     """Time at which the end of this recording was ordered here or reported by the leader."""
+    has_ended_alone: bool = False
+    """Whether this recording ended otherwise than planned here, and Space has not said so yet."""
     saved_at: tuple[float, int] | None = None
     """Time at which frames were first saved after that end, and how many then were."""
     retake_of: str = ""

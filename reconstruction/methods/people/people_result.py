@@ -152,7 +152,11 @@ def save_people(scene: Scene, condition: Condition, folder: Path, method: People
         people=tuple(_summary(k, person, people.times_s) for k, person in enumerate(people.people, 1)),
         bias_source=bias_source,
         left_out=left_out,
-        remarks=(*_remarks(finder), *describe_late_cameras(finder, people.times_s), *formats_left_out),
+        remarks=(
+            *_remarks(finder),
+            *describe_late_cameras(finder, people.times_s),
+            *dict.fromkeys(formats_left_out),
+        ),
     )
 
 

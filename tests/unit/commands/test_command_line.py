@@ -40,6 +40,7 @@ NAMES = app.list_commands(click.Context(app))
         (("burst", "--frames", "0"), USAGE, "--frames"),
         (("burst", "--spacing", "x"), USAGE, "--spacing"),
         (("burst", "--leader", "127.0.0.1:1"), NETWORK, "no leader at"),
+        (("rig", "stop", "--leader", "127.0.0.1:1"), NETWORK, "capture-app rig list shows what runs here"),
         (("leader", "--port", "70000"), USAGE, "--port"),
         (("leader", "--fps", "0"), USAGE, "--fps"),
         (("leader", "--host", "203.0.113.1", "--port", "0"), NETWORK, "cannot listen on 203.0.113.1"),

@@ -25,7 +25,23 @@ capture-app take > capture-app burst
 capture-app snapshot > capture-app burst
 capture-app trigger > capture-app burst
 capture-app video > capture-app record
-capture-app stream > capture-app record
+capture-app stream > capture-app monitor
+capture-app grab video > capture-app record
+capture-app grab > capture-app burst
+capture-app rig record > capture-app record
+capture-app join --qr > capture-app phones
+capture-app help record > capture-app record --help
+reconstruct help people > reconstruct people --help
+capture-app sessions help list > capture-app sessions list --help
+capture-app mask x > reconstruct movers SESSION
+reconstruct mask x > reconstruct movers SESSION
+reconstruct align --gcp x > reconstruct calibrate SESSION --mark CAMERA=X,Y --distance-m M
+reconstruct calibrate x --gcp y > --mark CAMERA=X,Y --distance-m M
+reconstruct calibrate --print-board > reconstruct board FILE
+reconstruct multiview x --format ply > --out DIR, with a PLY in it
+reconstruct multiview x --glb > --mesh
+capture-app sessions export x --format ply > reconstruct multiview SESSION
+capture-app sessions export x --format las > reconstruct multiview SESSION
 capture-app Record > 'record'
 capture-app start > capture-app rig start
 capture-app up > capture-app rig start
@@ -263,7 +279,9 @@ def test_every_option_that_is_advised_exists() -> None:
             "capture-app sessions export x --to c3d --out y",
             "not a format of images: see reconstruct people SESSION",
         ),
-        ("capture-app sessions export x --to ply --out y", "see reconstruct multiview SESSION"),
+        ("capture-app sessions export x --to las --out y", "see reconstruct multiview SESSION"),
+        ("reconstruct view model.glb", "'model.glb' is a 3D model: Blender shows it"),
+        ("capture-app view model.glb", "'model.glb' is a 3D model: Blender shows it"),
     ],
 )
 def test_a_file_or_a_format_is_answered_with_what_is_meant(

@@ -5,7 +5,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from capture_app.session.format.manifest import MANIFEST
+from capture_app.session.format.manifest import GROUND_TRUTH, MANIFEST
 from capture_app.session.library.changes import set_note, trash_session
 from capture_app.session.library.listing import WIDTH_PX, SessionListing, best_synchronized, load_thumbnail
 from capture_app.session.reading.reader import Session
@@ -18,8 +18,11 @@ def test_what_a_card_shows(session: Session, tmp_path: Path) -> None:
     assert (card.name, card.state, card.origin) == ("small", "complete", "simulated")
     assert (card.cameras, card.instants, card.images, card.missing) == (("left", "right"), 3, 5, 1)
     assert (card.spread_ns, card.uncertainty_ns, card.worst_ns) == (13_000, 20_000, 53_000)
-    assert [path.name for path in card.first_images] == ["000000.jpg", "000000.jpg"]
-    assert all(path.is_file() for path in card.first_images)
+    assert card.first_image == session.image_file(session.manifest.images[0])
+    content = sum(image.bytes for image in session.manifest.images)
+    truth = session.folder / GROUND_TRUTH
+    assert card.size_bytes == content + sum(file.stat().st_size for file in truth.rglob("*.*"))
+    assert card.size_bytes > content
 
 
 def test_a_list_follows_its_folder(session: Session, tmp_path: Path) -> None:

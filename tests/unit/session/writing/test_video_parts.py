@@ -36,7 +36,7 @@ def check(session: Session) -> None:
         jpeg(image.instant, 32, 24) for image in images
     ]
     assert frames_lost(session.stored_manifest) == {"left": 0, "right": 1}
-    assert read_card(session.folder).first_images[0].name == "left.mjpeg"
+    assert read_card(session.folder).first_image == session.folder / "videos/rig1/left.mjpeg"
 
 
 @pytest.mark.usefixtures("one_frame_a_part")

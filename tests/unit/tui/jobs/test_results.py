@@ -43,6 +43,13 @@ def test_clouds_of_every_instant(tmp_path: Path) -> None:
     assert result.notes == tuple(log[1:])
 
 
+def test_a_sentence_is_a_note_once(tmp_path: Path) -> None:
+    run = add_panorama(tmp_path, "take")
+    left_out = "cam02 is left out: it shows nothing that the others show"
+    log = [left_out, "the axes are the calibration's own", "the axes are the calibration's own", run.message]
+    assert read_result(run, log).notes == (left_out, "the axes are the calibration's own")
+
+
 def test_a_dose(tmp_path: Path) -> None:
     assert read_result(add_dose(tmp_path, "take"), ["33 ms late: 20 %"]).notes == ("33 ms late: 20 %",)
 

@@ -109,6 +109,10 @@ async def test_the_palette_does_what_a_key_does() -> None:
         ("disk", "Empty the trash"),
         ("size", "Look"),
         ("kill", "Remove"),
+        ("IP cameras", "IP cameras"),
+        ("onvif", "IP cameras"),
+        ("OSC", "Joints as OSC or LSL"),
+        ("charuco", "Print a board"),
     ],
 )
 async def test_the_palette_finds_an_action_by_the_words_of_other_programs(typed: str, title: str) -> None:
@@ -335,7 +339,12 @@ async def test_a_recording_is_ended_and_saved_before_the_rig_is_stopped() -> Non
         await settle(pilot)
         assert rig.asked == [("order", EndBurst(burst=1))]
         assert app.is_running
-        await pilot.press("q", "n", "q", "f")
+        rig.tell()
+        await until(pilot, lambda: "stops when saved" in text(app, "#header"))
+        await pilot.press("q", "n")
+        rig.tell()
+        await until(pilot, lambda: "stops when saved" not in text(app, "#header"))
+        await pilot.press("q", "f")
         rig.burst_status = msgspec.structs.replace(recording, received=1020, done=True)
         rig.tell()
         await until(pilot, lambda: app.return_code is not None)

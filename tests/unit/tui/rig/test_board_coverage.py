@@ -1,10 +1,35 @@
 """The coverage of a calibration board, live: it is counted from the rig's previews."""
 
+import asyncio
+from collections.abc import Sequence
+from pathlib import Path
+
 import cv2
+import pytest
 
 from capture_app.board.boards import DEFAULT_BOARD
 from tests.unit.tui.driving import lines, make_app, running, text, until
 from tests.unit.tui.fake_rig import FakeRig
+
+
+async def test_a_board_to_print_is_written_and_opened(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ordered: list[Sequence[str]] = []
+
+    async def ask(arguments: Sequence[str], _: type[object]) -> None:
+        ordered.append(arguments)
+        await asyncio.to_thread(Path(arguments[1]).write_bytes, b"%PDF-1.4")
+
+    monkeypatch.setattr("capture_app.tui.rig.rig_view.ask_reconstruct", ask)
+    monkeypatch.setenv("SSH_TTY", "/dev/pts/0")
+    app = make_app(FakeRig(2), sessions=tmp_path / "sessions")
+    async with running(app) as pilot:
+        await pilot.press("G")
+        await until(pilot, lambda: app._notifications)
+        page = tmp_path / "sessions" / "board.pdf"
+        assert ordered == [("board", str(page))]
+        assert [note.message for note in app._notifications] == [f"The file is on this machine:\n{page}"]
 
 
 async def test_each_new_view_of_the_board_is_counted_at_once() -> None:

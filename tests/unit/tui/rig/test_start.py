@@ -103,6 +103,12 @@ async def test_simulated_cameras_as_many_as_wanted_then_the_rig_is_shown() -> No
         assert app.screen.query_one("#start").display
         await pilot.press("escape")
         assert not app.screen.query_one("#start").display
+        await pilot.press("a", "2", "1")
+        await settle(pilot)
+        assert app.screen.query_one("#start").display, "another mode leaves it as it is"
+        await pilot.press("1")
+        await settle(pilot)
+        assert not app.screen.query_one("#start").display
 
 
 async def test_a_scene_for_more_cameras_is_named_where_one_has_no_more_views() -> None:

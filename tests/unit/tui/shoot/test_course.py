@@ -326,6 +326,31 @@ async def test_space_records_and_ends_the_recording(tmp_path: Path) -> None:
         assert sum(asked[0] == "burst" for asked in rig.asked) == 2, "it takes again while the last is saved"
 
 
+@pytest.mark.parametrize("chosen_s", [0.0, 10.0])
+async def test_space_after_a_recording_that_ended_by_itself_says_so_first(
+    tmp_path: Path, chosen_s: float
+) -> None:
+    rig = ready_rig(2)
+    rig.saves, rig.is_recording = asyncio.Event(), True
+    studio = Studio(rig, tmp_path)
+    async with studio.running(120, 40) as pilot:
+        panel = studio.view.plan_panel
+        panel.change(replace(panel.settings, mode="recording", seconds=chosen_s))
+        await pilot.press("space")
+        await studio.settle(pilot)
+        assert rig.burst_status is not None
+        rig.burst_status = replace_fields(rig.burst_status, recording=True, ended=True)
+        rig.tell()
+        await studio.settle(pilot)
+        for orders, said in ((1, True), (2, False)) if not chosen_s else ((2, False),):
+            await pilot.press("space")
+            await studio.settle(pilot)
+            assert sum(asked[0] == "burst" for asked in rig.asked) == orders
+            notes = " ".join(one.message for one in studio.app._notifications)
+            assert ("burst-001 has ended by itself, after" in notes) is said
+            studio.app.clear_notifications()
+
+
 async def test_the_sheet_of_the_take_before_gives_way_to_a_recording(tmp_path: Path) -> None:
     rig = ready_rig(2)
     rig.take = saves_into(tmp_path, cameras=2)

@@ -66,7 +66,6 @@ INSTANT_PX = 0.12
 """Additional error that the points of one instant share."""
 ALIKE_INSTANTS = 3.0
 """Number of successive instants at which an object's outline has the same error."""
-ROUNDS = 20
 ODD_INSTANT_SIGMAS = 4.0
 """Standard deviations from which one of some twenty instants disagrees with the take."""
 MIN_JITTER = 3.0
@@ -617,7 +616,7 @@ def _fit(
     weigh = _weigher(moving, still, max(0.0, at_rest_px**2 - MATCH_PX**2))
     values: Array = np.zeros(1 + TERMS) if first is None else first
     match_px = 2.0
-    for step in range(ROUNDS):
+    for step in range(20):
         miss = seen - rows @ values
         if step:
             match_px = _robust_sd(miss[:count], MIN_MATCH_PX)

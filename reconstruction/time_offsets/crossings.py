@@ -218,12 +218,6 @@ def median_px(errors_px: Array) -> float:
     return float(np.median(np.abs(errors_px))) if len(errors_px) else 0.0
 
 
-OTHER_LENSES = (
-    "the calibration is a guess, and other focal lengths fit the points at rest as well but show another "
-    "offset, or none: calibrate with a board"
-)
-
-
 class InstantOffset(Struct, frozen=True):
     """Delay of the second camera measured from one instant alone; `points` is how many agree."""
 
@@ -299,7 +293,10 @@ class OffsetFit:
         if self.offset_ms is None or self.sd_ms is None:
             return self
         if any(other.offset_ms is None or not other.change.resembles(self.change) for other in others):
-            return OffsetFit(reason=OTHER_LENSES)
+            return OffsetFit(
+                reason="the calibration is a guess, and other focal lengths fit the points at rest as well "
+                "but show another offset, or none: calibrate with a board"
+            )
 
         def wider(sd_ms: float, late_ms: float, theirs_ms: Iterable[float]) -> float:
             return float(np.hypot(sd_ms, max((abs(ms - late_ms) for ms in theirs_ms), default=0.0)))

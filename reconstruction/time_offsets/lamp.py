@@ -15,7 +15,7 @@ import numpy as np
 from capture_app.session.format.common_times import REFERENCE
 from reconstruction.common.geometry import Array
 from reconstruction.scene.dataset import Dataset
-from reconstruction.time_offsets.camera_time import CameraTime, ImageTimes
+from reconstruction.time_offsets.camera_time import MAX_OFFSET_MS, CameraTime, ImageTimes
 
 STEP = 2
 """Images this far apart show the full difference when the lamp switches between them."""
@@ -34,8 +34,6 @@ MAX_RESIDUAL = 0.12
 STEPS = 61
 RAMP_ERROR = 0.015
 """Error of an edge from a different tone curve or flickering light, as a fraction of its ramp."""
-MAX_OFFSET_MS = 300.0
-"""Maximum offset searched for."""
 NEAR_MS = 20.0
 """Maximum distance of edges that may be the same after an offset: the gap that images can hide."""
 MIN_EDGES = 3

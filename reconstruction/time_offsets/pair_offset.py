@@ -20,7 +20,7 @@ from reconstruction.scene.instant_choice import choose_moving_instants
 from reconstruction.scene.moving_pixels import MIN_STILL, find_shifts, measure_camera_motion
 from reconstruction.scene.pairs import FAINT_CONTRAST, detect_features, match_at_rest
 from reconstruction.scene.scene import Scene
-from reconstruction.time_offsets.camera_time import ImageTimes
+from reconstruction.time_offsets.camera_time import MAX_OFFSET_MS, ImageTimes
 from reconstruction.time_offsets.crossings import (
     MAX_IN_MOTION_PX,
     TYPICAL_AT_REST_PX,
@@ -54,8 +54,6 @@ MAX_DRIFT_PX = 0.5
 """Maximum distance from its start of a point tracked to the neighbouring image and back."""
 MATCH_RATIO = 0.8
 """Maximum ratio of a match's distance to the second best's."""
-MAX_OFFSET_MS = 300.0
-"""Maximum offset searched for."""
 MAX_FRAMES = 20
 """Maximum offset searched for, in frames to either side."""
 INSTANTS = 6, 48

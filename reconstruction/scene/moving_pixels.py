@@ -19,6 +19,7 @@ from reconstruction.common.image_matching import track_there_and_back
 from reconstruction.common.memory import ByteCache, memory_budget
 from reconstruction.scene.conditions import evenly_spaced
 from reconstruction.scene.dataset import Dataset
+from reconstruction.scene.pairs import GRID
 
 MIN_AREA_PX = 24
 """Minimum area of a moving region; smaller ones are noise."""
@@ -29,9 +30,9 @@ SHAKE_PX = 0.7
 WHITE = 254
 """Grey level from which a pixel may be saturated."""
 BACKGROUND_ROWS = 256
+"""Number of rows of which a median is taken at a time."""
 MARGIN_PX = 5
-GRID = (8, 6)
-"""Cells across and down; each counts once, so that a highly textured object does not dominate."""
+"""Margin around what moves, within which nothing counts as at rest."""
 MIN_CELLS = 8
 """Minimum number of cells in which points can be tracked; with fewer the motion is unknown."""
 MIN_STILL = 0.25
@@ -244,7 +245,10 @@ def find_shifts(dataset: Dataset, camera: str) -> list[tuple[int, int, float]]:
 
 
 def _cell_motions(before: Array, after: Array) -> Array:
-    """Return the median motion (n,), px, of each `GRID` cell in which points can be tracked."""
+    """Return the median motion (n,), px, of each `GRID` cell in which points can be tracked.
+
+    Each cell counts once, so that a highly textured object does not dominate.
+    """
     if (scale := min(1.0, 640 / max(before.shape))) < 1:
         before, after = (
             cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)

@@ -14,13 +14,14 @@ from reconstruction.common.geometry import Array, View, angle_deg, angles_deg, o
 
 MAX_SIDE_PX = 1280
 """Longer side to which images are reduced for detecting points."""
-MAX_POINTS = 2500
 CLEAR_CONTRAST, FAINT_CONTRAST = 0.02, 0.01
 """Minimum contrast of points at rest, and of points on moving objects, which may be small."""
 STILL_RATIO = 0.75
 """Maximum ratio of a static match's distance to the second best's."""
 MIN_MATCHES = 25
+"""Minimum number of matches of two cameras that overlap."""
 GRID = (8, 6)
+"""Cells of an image, across and down."""
 CELLS = GRID[0] * GRID[1]
 """Cells across, down and in total of the grid that measures how features cover an image."""
 MAX_CANVAS_FRACTION = 8.0
@@ -28,6 +29,7 @@ MAX_CANVAS_FRACTION = 8.0
 OVERLAP_LIMITS = (0.15, 0.8)
 """Minimum and maximum fraction of an image that its neighbour in a panorama overlaps."""
 EPIPOLAR_PX = 3.0
+"""Maximum epipolar error of a match."""
 BEST_PARALLAX_DEG = 10.0
 """Parallax beyond which two views look too different for dense matching."""
 MAX_REPORTED = 3
@@ -58,7 +60,7 @@ def size_above_features(width: int, height: int) -> float:
 def detect_features(
     image: Array,
     side_px: int = MAX_SIDE_PX,
-    points: int = MAX_POINTS,
+    points: int = 2500,
     contrast: float = CLEAR_CONTRAST,
     *,
     allowed: Array | None = None,

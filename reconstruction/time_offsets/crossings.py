@@ -34,7 +34,9 @@ from reconstruction.time_offsets.pair_geometry import (
 )
 
 MIN_MATCH_PX = 0.1
+"""Minimum error of a match."""
 MIN_STILL_PX = 0.2
+"""Minimum error of a static point."""
 MIN_ACROSS_PX = 1.0
 """Points that move across their line by less than this in a frame period are ignored."""
 MIN_ACROSS, MIN_AGREEING = 0.15, 0.25
@@ -71,9 +73,11 @@ ODD_INSTANT_SIGMAS = 4.0
 MIN_JITTER = 3.0
 """Minimum ratio of the instants' scatter to their errors from which single images are called offset."""
 MIN_JITTER_INSTANTS = 5
+"""Minimum number of instants that show jitter."""
 MIN_GLITCHES = 0.2
 """Minimum fraction of instants with clear offsets of their own from which images jitter."""
 MIN_JITTER_FRAMES = 0.05
+"""Minimum jitter, in frames."""
 PARTS = 2
 """Number of parts from the middle of the image to its edge, across and down, whose bodies must agree."""
 ROW_STEPS, ROW_BINS = 20, 16

@@ -30,8 +30,11 @@ MIN_RISE = 8.0
 COVERED = 0.5
 """Minimum fraction of an edge's ramp that must be covered by rows that were read out."""
 MIN_ROWS = 6
+"""Minimum number of rows that show an edge."""
 MAX_RESIDUAL = 0.12
+"""Maximum RMS residual of an edge from its ramp, as a fraction of its rise."""
 STEPS = 61
+"""Number of times at which an edge is tried."""
 RAMP_ERROR = 0.015
 """Error of an edge from a different tone curve or flickering light, as a fraction of its ramp."""
 NEAR_MS = 20.0
@@ -41,6 +44,7 @@ MIN_EDGES = 3
 SLOW_MS = 15.0
 """Maximum rise time of a lamp beyond the exposure; a slower lamp has no edge."""
 SYSTEMATIC_MS = 0.02
+"""Systematic error of an offset by light; one standard deviation."""
 LIGHT = "light"
 """Source name of an offset measured from a lamp."""
 NO_LAMP = "it sees no blinking lamp"

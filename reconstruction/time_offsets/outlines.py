@@ -8,9 +8,11 @@ import numpy as np
 from reconstruction.common.geometry import Array
 
 MIN_AREA_PX = 20.0
+"""Minimum area; smaller objects are noise."""
 MAX_FRACTION = 0.02
 """Maximum area, as a fraction of the image; larger objects have corners, and parts that move separately."""
 MAX_ASPECT = 2.0
+"""Maximum ratio of an object's sides."""
 MIN_SOLID = 0.8
 """Minimum fraction of its convex hull that an object fills."""
 GROWTH = 1.5
@@ -20,6 +22,7 @@ MAX_STEP_WIDTHS = 6.0
 MAX_CHANGE, SMALL_STEP_PX = 0.5, 2.0
 """Maximum change of an object's speed, as a fraction, and a step between images that may change wholly."""
 EDGE_PX = 2
+"""Margin of an object, which must lie within the image."""
 SHAPE_ERROR = 0.5
 """Error of an object's centre along an axis, as a fraction of its contour's deviation from an ellipse.
 

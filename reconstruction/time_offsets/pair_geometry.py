@@ -12,6 +12,7 @@ ODDS_PX = (1.0, 0.5, 0.3, 0.15)
 """Standard deviations of a calibration's smooth image errors, px: terms of degree 0, 1, 2 and 3 in the
 position in the image."""
 TERMS = 12
+"""Number of terms: ten of `ODDS_PX`, and two of the direction."""
 CORRECTIONS = np.array([0.02] * 3 + [0.05] * 2 + [0.02, 0.01, 0.01, 0.05] * 2)
 """Standard deviations of a wrong calibration's errors: three angles and two directions of the baseline (rad);
 for each camera the logarithm of the focal length, the principal point (image widths), and k1 of the lens."""
@@ -108,10 +109,7 @@ def correct_views(
 def other_calibrations(views: tuple[View, View], at_a: Array, at_b: Array) -> list[tuple[View, View]]:
     """Return calibrations of `OTHER_FOCALS` that fit static matches (n, 2) px, each with its own pose."""
     scaled = (
-        tuple(
-            replace(view, matrix=view.matrix * np.array([[factor, 1, 1], [1, factor, 1], [1, 1, 1]]))
-            for view, factor in zip(views, factors, strict=True)
-        )
+        tuple(view.magnified(factor) for view, factor in zip(views, factors, strict=True))
         for factors in OTHER_FOCALS
     )
     # With known lenses and poses that are found with other ones.

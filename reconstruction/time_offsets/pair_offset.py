@@ -54,8 +54,6 @@ MAX_DRIFT_PX = 0.5
 """Maximum distance from its start of a point tracked to the neighbouring image and back."""
 MATCH_RATIO = 0.8
 """Maximum ratio of a match's distance to the second best's."""
-MAX_FRAMES = 20
-"""Maximum offset searched for, in frames to either side."""
 INSTANTS = 6, 48
 """Minimum and maximum number of instants of a pair."""
 DISAGREEING = 3.0
@@ -100,7 +98,8 @@ class PairOffsets:
     def __init__(self, scene: Scene) -> None:
         self.scene = scene
         self.dataset = scene.dataset
-        self.max_offset_ms = min(MAX_OFFSET_MS, MAX_FRAMES * self.dataset.period_ns / 1e6)
+        # Offsets of at most twenty frames are searched for.
+        self.max_offset_ms = min(MAX_OFFSET_MS, 20 * self.dataset.period_ns / 1e6)
         # About 150 images of all cameras together: more cameras mean fewer instants of each pair.
         self.max_instants = int(np.clip(150 // len(self.dataset.cameras), *INSTANTS))
         self._points = computed_once(self._find_points)

@@ -22,6 +22,7 @@ from reconstruction.depth.sweep_kernels import WORST_COST, aggregate_costs, cost
 WINDOW = 7
 """Side of the matching window in small images, px."""
 MIDDLE = 128.0
+"""Grey level of the texture outside blank areas."""
 TOLERANCE = 0.006
 """Maximum relative depth error of points on a plane."""
 MIN_FRACTION = 0.004

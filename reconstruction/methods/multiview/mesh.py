@@ -18,6 +18,7 @@ from reconstruction.methods.multiview.fusion import SLACK, FusedCloud, find_deni
 from reconstruction.methods.multiview.sweep_matcher import ViewDepth
 
 NEIGHBOURS = 16
+"""Number of neighbours by which a point is judged an outlier."""
 MAX_JUMP = 0.006
 """Maximum relative difference of depths in a triangle, unless its corners are in one plane.
 
@@ -27,6 +28,7 @@ is larger across an edge of depth, but not on a surface that is seen at a grazin
 MAX_WIDTH_PX = 960
 """Width of the grid of triangles in wider maps."""
 MAX_SHOWN_POINTS = 150_000
+"""Maximum number of points of a picture."""
 FRAME_PX, WIDE_DEG, GROUND_GREY = (480, 360), 65.0, 32
 
 

@@ -44,6 +44,7 @@ from reconstruction.scene.instant_choice import (
 MIN_POINTS = 500
 """Minimum points of a synchronized cloud worth showing."""
 MIN_CAMERAS = 3
+"""Minimum number of cameras of a cloud that is compared."""
 MAX_CAMERAS = 5
 """More cameras improve the cloud but say no more about timing; each takes as long as the first."""
 AT_A_TIME = 2

@@ -24,6 +24,7 @@ from reconstruction.scene.scene import Scene
 MAX_OFF_PX = 12.0
 """Reprojection error beyond which a track is a wrong match, or the calibration another rig's."""
 MIN_POINTS_PER_CAMERA = 30
+"""Minimum number of points at rest that a camera must see."""
 
 
 def refine_calibration(scene: Scene) -> Scene:

@@ -28,6 +28,7 @@ from reconstruction.methods.multiview.edge_sharpening import sharpen_edges
 from reconstruction.methods.multiview.still_scene import WHOLE, StillScene, boxes_around, renewed
 
 BYTES_PER_CELL = 5
+"""Memory of a cell of the matching costs."""
 
 
 def propose_inverse_depth(others: Iterable[tuple[SourceView, Array]], shape: tuple[int, int]) -> Array:

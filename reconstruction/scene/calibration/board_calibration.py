@@ -35,7 +35,9 @@ from reconstruction.scene.conditions import evenly_spaced
 from reconstruction.scene.dataset import Dataset
 
 MIN_BOARDS = 4
+"""Minimum number of pictures of the board."""
 MAX_BOARDS = 40
+"""Maximum number of pictures of the board that are used."""
 
 
 FISHEYE_PX = 0.1

@@ -34,7 +34,9 @@ from reconstruction.scene.moving_pixels import SceneMotion
 MAX_FOCAL_RATIO = 1.25
 """Maximum ratio of a found to the likely focal length; equivalent ones are rounded to whole millimetres."""
 MAX_PERSPECTIVE_DEG = 175.0
+"""Maximum field of view of a perspective lens."""
 WIDEST_DEG = 100.0
+"""Field of view from which a found lens is unlikely."""
 MIN_TO_SEPARATE_LENSES = 3
 """Minimum cameras that determine focal lengths; with two whose axes meet, any focal length fits."""
 GIVE_CALIBRATION = "give it a calibration: reconstruct calibrate SESSION --from PATH, or --from board"

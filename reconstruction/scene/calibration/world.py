@@ -26,6 +26,7 @@ from reconstruction.scene.pairs import size_above_features
 MAX_MARK_ERROR_PX = 8.0
 """Maximum error of a mark in images at most MAX_SIDE_PX wide; marks are set by hand."""
 MIN_ANGLE_DEG = 1.0
+"""Minimum angle between the rays to a mark."""
 
 
 Marks = Mapping[str, tuple[tuple[float, float], tuple[float, float]]]

@@ -25,9 +25,6 @@ from reconstruction.common.options import COMMANDS
 from reconstruction.common.picture_checksums import checked_pictures
 from reconstruction.method.interface import methods
 
-SENTENCE = 200
-"""Length to which the help shows a command's sentence, in characters: it is wrapped, not cut."""
-
 
 class _Application(click.Group):
     """Group of the commands, which keep to a memory budget, and in which no error ends in a traceback."""
@@ -35,9 +32,10 @@ class _Application(click.Group):
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write each command that is not hidden with its whole sentence."""
         with formatter.section("Commands"):
+            # The help wraps a sentence and does not cut it.
             formatter.write_dl(
                 [
-                    (name, self.commands[name].get_short_help_str(SENTENCE))
+                    (name, self.commands[name].get_short_help_str(200))
                     for name in self.list_commands(ctx)
                     if not self.commands[name].hidden
                 ]

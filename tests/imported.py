@@ -4,7 +4,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from capture_app.common.text import Talk
-from capture_app.companions.importing.recording import ImportOptions, import_found
+from capture_app.companions.importing.import_options import ImportOptions
+from capture_app.companions.importing.recording import import_found
 from capture_app.session.reading.reader import Session
 
 

@@ -12,7 +12,8 @@ import numpy as np
 from benchmarks.reconstruction import painted_scenes
 from benchmarks.reconstruction.painted_scenes import HEIGHT, WIDTH, Stage
 from capture_app.common.errors import BadInputError
-from capture_app.companions.importing.recording import ImportOptions, import_found
+from capture_app.companions.importing.import_options import ImportOptions
+from capture_app.companions.importing.recording import import_found
 from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.manifest import CALIBRATION, BurstRecord, CameraRecord
 from capture_app.session.reading.reader import Session

@@ -13,7 +13,6 @@ LOST = (40, 130, 250)
 """Orange: a moving pixel without depth, or with wrong depth."""
 LINE = (255, 255, 255)
 GAP_PX = 6
-CLOSE_UP_PX = 480
 
 
 def display_range(depth: Array, moving: Array | None = None) -> tuple[float, float]:
@@ -97,7 +96,7 @@ def enlarge_crop(picture: Array, box: tuple[int, ...], *, smooth: bool = True) -
     """Return a crop of a picture, enlarged for display."""
     left, top, right, bottom = box
     part = picture[top:bottom, left:right]
-    scale = max(1.0, CLOSE_UP_PX / max(part.shape[1], 1))
+    scale = max(1.0, 480 / max(part.shape[1], 1))
     how = cv2.INTER_CUBIC if smooth else cv2.INTER_NEAREST
     return np.asarray(cv2.resize(part, None, fx=scale, fy=scale, interpolation=how))
 

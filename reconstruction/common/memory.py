@@ -30,8 +30,6 @@ MAX_BY_DEFAULT = 3 << 30
 MIN_BYTES = 128 << 20
 MEMORY = "SIMULSHOT_MEMORY"
 """Environment variable with a budget that is asked for, such as 800MB or 8GB."""
-SCALE_STEP = 2**-0.25
-MIN_SCALE = 1 / 16
 _UNITS = {"K": 1e3, "M": 1e6, "G": 1e9, "T": 1e12, "Ki": 2**10, "Mi": 2**20, "Gi": 2**30, "Ti": 2**40}
 
 
@@ -104,8 +102,8 @@ class MemoryBudget:
         """
         limit, scale = fraction * self.limit_bytes, 1.0
         while bytes_at(scale) > limit:
-            scale *= SCALE_STEP
-            if scale < MIN_SCALE:
+            scale *= 2**-0.25
+            if scale < 1 / 16:
                 raise BadInputError(
                     f"{what} takes {gigabytes(bytes_at(1.0))} of memory, and {gigabytes(limit)} may be used",
                     hint=f"give it more: {MEMORY}=8GB in the environment",

@@ -15,8 +15,6 @@ from reconstruction.common.memory import memory_budget
 
 P = ParamSpec("P")
 Result = TypeVar("Result")
-MAX_WORKERS = 8
-"""Maximum threads; each uses some hundred MB for its sweep."""
 
 
 SWEEP_BYTES = 400 << 20
@@ -25,7 +23,7 @@ SWEEP_BYTES = 400 << 20
 
 def max_workers(bytes_each: float = SWEEP_BYTES) -> int:
     """Return the workers that half of the memory budget holds, on any machine: results depend on it."""
-    return memory_budget().fit_count(bytes_each, MAX_WORKERS, fraction=0.5)
+    return memory_budget().fit_count(bytes_each, 8, fraction=0.5)
 
 
 def worker_count(bytes_each: float = SWEEP_BYTES) -> int:

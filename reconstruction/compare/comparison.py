@@ -36,12 +36,6 @@ from reconstruction.scene.scene import Scene
 from reconstruction.time_offsets.pair_offset import PairOffsets
 
 T = TypeVar("T")
-TOLERANCE_INSTANTS = 6
-"""Instants of the tolerance curve in a comparison; `reconstruct tolerance` uses more."""
-MAX_SIDE_BY_SIDE = 4
-"""Maximum number of studies at a time, at most one a core."""
-CORE_STEPS = 6
-"""Progress lines of a comparison besides the lines of its studies."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -116,7 +110,7 @@ def run_in_order(
             f"studies need each other's results: {', '.join(error.args[1])}",
             hint="leave one out: --study names those to make",
         ) from error
-    with worker_pool(min(MAX_SIDE_BY_SIDE, len(system.usable_cores()))) as pool:
+    with worker_pool(min(4, len(system.usable_cores()))) as pool:
         while order.is_active():
             for name in sorted(order.get_ready(), key=list(needs).index):
                 running[pool.submit(run, name)] = name
@@ -149,7 +143,7 @@ class Comparison:
             options=options.of_studies,
             studies=options.studies,
             folder=output.folder,
-            progress=Progress(CORE_STEPS),
+            progress=Progress(6),
         )
         self.studies = {name: kind(self.context) for name, kind in study_reports().items()}
         self.chosen = _chosen(self.studies, options.studies)
@@ -338,9 +332,10 @@ def _measure_pair_timing(context: Context, offsets: PairOffsets, study: Score) -
     context.progress.step("depth at different offsets")
     with suppress(ValueError, BadInputError):
         delay_ms = max(context.offset.actual_ms if context.offset else 0.0, COMPARED_MS)
+        # `reconstruct tolerance` uses more.
         quiet = replace(
             context,
-            max_instants=min(TOLERANCE_INSTANTS, context.max_instants),
+            max_instants=min(6, context.max_instants),
             progress=Progress(0, silent=True),
         )
         steps = whole_frame_offsets(context.scene.dataset, delay_ms)

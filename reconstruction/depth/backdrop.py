@@ -18,8 +18,6 @@ MIN_FRACTION = 0.15
 """Fraction of the pictures below which pixels without depth are holes in surfaces, not a backdrop."""
 BEYOND = 2.0
 """Radius of the backdrop, relative to the distance of the farthest camera or point from the subject."""
-FAR_PERCENTILE = 99
-"""Percentile of the points' distances from the subject that counts as the farthest."""
 CELLS = 96
 """Number of cells across the narrowest camera's picture."""
 MIN_CELLS, MAX_CELLS = 256, 2048
@@ -52,7 +50,7 @@ def find_backdrop(moment: Moment) -> Backdrop | None:
     for seen in small.values():
         y, x = np.nonzero(seen.depth)
         points = seen.view.unproject(np.column_stack([x, y]), seen.depth[y, x].astype(float))
-        distances.append(np.percentile(np.linalg.norm(points - centre, axis=1), [FAR_PERCENTILE]))
+        distances.append(np.percentile(np.linalg.norm(points - centre, axis=1), [99]))
     radius = BEYOND * float(np.concatenate(distances).max())
     narrowest = min(2 * np.arctan(seen.view.width / 2 / seen.view.focal) for seen in small.values())
     height = round(np.clip(2 * np.pi / narrowest * CELLS, MIN_CELLS, MAX_CELLS) / 16) * 8

@@ -9,8 +9,6 @@ import numpy as np
 from reconstruction.common.geometry import Array, View, other_from_reference, resize_view
 from reconstruction.common.image_matching import noise_level
 
-NOISE_FACTOR = 3.0
-NOISE_LIMITS = (2.0, 100.0)
 NOISY = 1.25
 """A window contains only noise if its variance is below this multiple of the noise term."""
 BLACK, WHITE = 20, 245
@@ -110,7 +108,7 @@ class CalibratedImage:
 
 def matching_noise(grey: Array) -> float:
     """Return the variance that an image's noise adds to a window: three sigma, within limits, squared."""
-    return float(np.clip((NOISE_FACTOR * noise_level(grey)) ** 2, *NOISE_LIMITS))
+    return float(np.clip((3.0 * noise_level(grey)) ** 2, 2.0, 100.0))
 
 
 def box_filter(image: Array, window: int) -> Array:

@@ -10,10 +10,8 @@ from reconstruction.common.geometry import Array
 from reconstruction.depth.calibrated_image import CalibratedImage, SourceView, box_filter
 from reconstruction.depth.sweep_kernels import WORST_COST, cost_volume, costs_along, find_cheapest, fit_planes
 
-DIRECTIONS = ((1, 0), (-1, 0), (0, 1), (0, -1))
 MIN_GAIN = 0.02
 """Minimum gain in cost (0 to 1) for adopting a neighbouring plane; smaller gains may be noise."""
-SMOOTHING_PX = 3
 TOLERANCE = 0.8
 """Maximum distance of neighbours from a common plane, in steps of the first sweep."""
 MIN_PLANES, MAX_PLANES = 24, 400
@@ -41,7 +39,7 @@ def move_edges(planes: Array, source_views: Sequence[SourceView], off_px: int) -
     _, height, width = planes.shape
     # The border's planes are repeated beyond it.
     around = np.pad(planes, ((0, 0), (off_px, off_px), (off_px, off_px)), "edge")
-    for right, down in DIRECTIONS:
+    for right, down in ((1, 0), (-1, 0), (0, 1), (0, -1)):
         dx, dy = off_px * right, off_px * down
         level, *slopes = around[:, off_px + dy :, off_px + dx :][:, :height, :width]
         level = level - slopes[0] * np.float32(dx) - slopes[1] * np.float32(dy)
@@ -54,7 +52,7 @@ def move_edges(planes: Array, source_views: Sequence[SourceView], off_px: int) -
 
 def smoothed_costs_along(inverse_depth: Array, source_views: Sequence[SourceView]) -> Array:
     """Return the smoothed costs along a surface, float32 height x width, 0 to `WORST_COST`."""
-    return box_filter(costs_along(source_views, inverse_depth).astype(np.float32), SMOOTHING_PX)
+    return box_filter(costs_along(source_views, inverse_depth).astype(np.float32), 3)
 
 
 class Refinement(NamedTuple):

@@ -25,7 +25,6 @@ from reconstruction.depth.view_choice import (
 
 WIDTH_PX = 176
 LEVELS = (48, 192)
-MAX_NEIGHBOURS = 3
 MIN_PIXELS = 150
 MIN_ISLAND_PX = 30
 MAX_COST = 0.35
@@ -38,8 +37,6 @@ NEARER = 1.6
 """How much nearer such things are looked for, relative to the nearest depth found before."""
 MAX_THIN_COST, MIN_THIN_ISLAND_PX, MIN_THIN_PX = 0.2, 20, 40
 """Maximum cost of their pixels, minimum size of their islands, and minimum number of all their pixels."""
-THIN_PERCENTILE = 75
-"""Percentile of their inverse depths up to which they count; nearer ones may be chance."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +89,7 @@ def find_rough_scene(images: Mapping[str, CalibratedImage]) -> RoughScene:
 def choose_neighbours(overlaps: Mapping[str, ViewOverlap]) -> tuple[str, ...]:
     """Return the views that overlap most with a given view, over all depths, best first."""
     fit = [other for other, overlap in overlaps.items() if overlap.score >= MIN_SCORE and overlap.span[1] > 0]
-    return tuple(sorted(fit, key=lambda other: (-overlaps[other].typical_score, other))[:MAX_NEIGHBOURS])
+    return tuple(sorted(fit, key=lambda other: (-overlaps[other].typical_score, other))[:3])
 
 
 def _levels(source_views: Sequence[SourceView], spans: Sequence[tuple[float, float]]) -> Array:
@@ -148,7 +145,8 @@ def _thin_points(
     thin = remove_speckles((level * depth_range[0] > 1) & (cost < MAX_THIN_COST), level, MIN_THIN_ISLAND_PX)
     if thin.sum() < MIN_THIN_PX:
         return np.empty((0, 3))
-    rows, columns = np.nonzero(thin & (level <= np.percentile(level[thin], THIN_PERCENTILE)))
+    # Nearer ones may be chance.
+    rows, columns = np.nonzero(thin & (level <= np.percentile(level[thin], 75)))
     return reference.view.unproject(np.column_stack([columns, rows]).astype(float), 1 / level[rows, columns])
 
 

@@ -19,8 +19,6 @@ WORST_COST = 255
 """Matching cost of zero correlation."""
 BETTER_OF_TWO = 0.65
 """Weight of the better of two sources; beside a near object, one of them sees that object instead."""
-LANES = 16
-"""Columns that `planes` processes at once, and reads beyond the border."""
 
 
 class KernelSource(ctypes.Structure):
@@ -146,7 +144,8 @@ def fit_planes(
     if slopes is not None:
         planes[1:] = slopes * np.float32(border)
     # Beyond the image there is no plane.
-    around = border, border, border, border + LANES
+    # `planes` processes 16 columns at once, and reads as many beyond the border.
+    around = border, border, border, border + 16
     padded = cv2.copyMakeBorder(planes[0], *around, cv2.BORDER_CONSTANT, value=(-1e6,))
     call_kernel(
         "planes",

@@ -22,10 +22,6 @@ SCALE = 0.08
 """Angle between two directions, radians, at which a camera's weight is 1/e."""
 UNSURE = 0.1
 """Weight of a camera whose own map has no depth at the surface."""
-FAR_FIRST = 4
-"""Power of the depth by which a known pixel counts where others are filled from it."""
-MIN_WEIGHT = 0.05
-"""Weight of a neighbourhood below which larger ones take part."""
 BAND_ROWS = 60
 
 
@@ -107,7 +103,8 @@ def fill(colours: Array, depth: Array) -> Array:
     Means of ever larger neighbourhoods fill what smaller ones leave (pull-push: Gortler et al. 1996). What is
     far counts more: a hole is what something near hid from the cameras.
     """
-    weight = ((depth / max(float(depth.max()), 1e-9)) ** FAR_FIRST).astype(np.float32)
+    # Where others are filled, far pixels count by this power of their depth.
+    weight = ((depth / max(float(depth.max()), 1e-9)) ** 4).astype(np.float32)
     levels = [(colours * weight[..., None], weight)]
     while min(levels[-1][1].shape) > 4:
         levels.append((cv2.pyrDown(levels[-1][0]), cv2.pyrDown(levels[-1][1])))
@@ -115,7 +112,7 @@ def fill(colours: Array, depth: Array) -> Array:
     filled = sums / np.maximum(weights, 1e-6)[..., None]
     for sums, weights in levels[-2::-1]:
         around = cv2.pyrUp(filled, dstsize=sums.shape[1::-1])
-        fraction = (weights / np.maximum(weights, MIN_WEIGHT))[..., None]
+        fraction = (weights / np.maximum(weights, 0.05))[..., None]
         filled = fraction * sums / np.maximum(weights, 1e-6)[..., None] + (1 - fraction) * around
     filled = np.where(depth[..., None] > 0, colours, filled)
     return np.asarray(np.clip(np.rint(filled), 0, 255), np.uint8)

@@ -15,7 +15,6 @@ from reconstruction.method.truth import TOLERANCES, right_depth
 CONDITIONS = ("synced", "offset")
 """The conditions: synchronized, and the other one."""
 F_SCORE = "f_score"
-MAX_DIFFERENCES = 20000
 MIN_COUNT = 30
 """Minimum pixel or point count from which a fraction is measured at an instant."""
 MIN_FOR_INTERVAL = 3
@@ -72,7 +71,7 @@ def measure_depth(depth: Array, difference: Array, mask: Array, truth: Array | N
     seen = difference[mask & np.isfinite(difference)]
     measured = Measurements(
         shares={"coverage": (int((depth[mask] > 0).sum()), int(mask.sum()))},
-        medians={"photometric_error": seen[:: max(1, len(seen) // MAX_DIFFERENCES)]},
+        medians={"photometric_error": seen[:: max(1, len(seen) // 20000)]},
     )
     if truth is not None:
         known = mask & np.isfinite(truth)

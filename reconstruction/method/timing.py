@@ -31,7 +31,6 @@ MAX_UNSEEN = 0.25
 """Fraction of the instants with motion that may show no offset before and after those that do.
 
 A frame that is dropped there is not seen."""
-UNSTEADY_PAIRS = "no chain of pairs of cameras shows one steady offset from the first motion to the last"
 SURE_FRAMES = 0.1
 """Error, in frames, above which a measurement certifies nothing."""
 LOST_FRACTION = 0.5
@@ -163,7 +162,11 @@ def measure_rig_timing(offsets: PairOffsets, pair: tuple[str, str] | None) -> "S
         own = [measured[two].offset_ms for two in (both, both[::-1]) if two in measured]
         # The adjusted offsets of a rig are means, and have no instants of their own.
         is_mean = name in certain or bool(fit.change) or own in ([], [None])
-        unseen = "" if name in certain else UNSTEADY_PAIRS
+        unseen = (
+            ""
+            if name in certain
+            else "no chain of pairs of cameras shows one steady offset from the first motion to the last"
+        )
         judged.append(measure_pair_timing(offsets, both, fit if is_mean else None, unseen))
     return SessionTiming(reference=reference, cameras=tuple(judged))
 

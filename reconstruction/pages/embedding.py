@@ -21,12 +21,6 @@ STEPS = 32_767
 PNG, JPEG = b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff"
 QUALITY = 74
 """WebP quality of photographs."""
-LOSSLESS = 101
-"""OpenCV's quality value for lossless WebP, which preserves flat colours and hard edges."""
-MAX_ENCODED = 128
-"""Pictures whose encoding is remembered: a page is written again when a part of it is ready."""
-MAX_PANEL_PX = 1024
-"""Width to which larger panels are reduced; no page shows more."""
 
 
 class InstantClouds(Struct, frozen=True, kw_only=True):
@@ -46,7 +40,7 @@ class InstantClouds(Struct, frozen=True, kw_only=True):
     """Point about which the view rotates: the centre of what moves."""
 
 
-def embed_image(path: Path, panels: int = 1, max_px: int = MAX_PANEL_PX) -> dict[str, object]:
+def embed_image(path: Path, panels: int = 1, max_px: int = 1024) -> dict[str, object]:
     """Read a PNG or JPEG and encode it for a page, each of its `panels` side by side at most `max_px` wide.
 
     Returns its `address` (`data:`), `width` and `height`, px.
@@ -68,7 +62,7 @@ def embed_image(path: Path, panels: int = 1, max_px: int = MAX_PANEL_PX) -> dict
     return packed
 
 
-@lru_cache(maxsize=MAX_ENCODED)
+@lru_cache(maxsize=128)
 def _as_webp(data: bytes, max_px: int) -> dict[str, object] | None:
     """Return a picture's file as `embed_image` does; None if it is neither PNG nor JPEG."""
     known = data.startswith((PNG, JPEG))
@@ -79,7 +73,8 @@ def _as_webp(data: bytes, max_px: int) -> dict[str, object] | None:
     if width > max_px:
         width, height = max_px, max(1, round(height * max_px / width))
         image = cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA)
-    quality = LOSSLESS if data.startswith(PNG) else QUALITY
+    # OpenCV's value for lossless WebP, which preserves flat colours and hard edges.
+    quality = 101 if data.startswith(PNG) else QUALITY
     _, packed = cv2.imencode(".webp", image, [cv2.IMWRITE_WEBP_QUALITY, quality])
     address = f"data:image/webp;base64,{base64.b64encode(packed.tobytes()).decode()}"
     return {"address": address, "width": width, "height": height}

@@ -61,9 +61,6 @@ from reconstruction.scene.dataset import Dataset
 from reconstruction.scene.pairs import Features, match_features
 from reconstruction.scene.scene import Scene
 
-TRIED_IMAGES = 4
-"""Images of each camera that are searched for the board with columns and rows exchanged."""
-
 
 class CalibrationSource(StrEnum):
     """Source of a calibration: stored in the session, computed from its images, or kept from an earlier one.
@@ -301,7 +298,7 @@ def _refuse_other_board(dataset: Dataset, board: Board) -> None:
     detector = BoardDetector(replace(board, across=board.down, down=board.across))
     shapes: Counter[tuple[int, int]] = Counter()
     for name in dataset.cameras:
-        for instant in evenly_spaced(dataset.instants(name), TRIED_IMAGES):
+        for instant in evenly_spaced(dataset.instants(name), 4):
             grey = dataset.grey(name, instant)
             if detector.detect(grey):
                 raise BadInputError(

@@ -19,6 +19,7 @@ DISTINCT = "distinct"
 DISTINCT_MS = (-66.0, -33.0, 0.0, 33.0, 66.0)
 """Offsets of the paper's unsynchronized cameras: up to two frames at 30 fps, in either direction."""
 MAX_OFFSET_MS = 1e6
+"""Maximum delay that a condition may have."""
 
 
 @dataclass(frozen=True)

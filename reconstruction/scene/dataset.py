@@ -30,9 +30,6 @@ from reconstruction.common.picture_checksums import picture_checks
 
 CACHE_FRACTION = 0.12
 """Fraction of the memory budget for cached decoded images."""
-WORK_FRACTION = 0.3
-WORK_BYTES_PER_PIXEL = 60
-"""Minimum memory of a command for each pixel of the images it works on at once."""
 
 
 def shift_times(
@@ -158,9 +155,9 @@ class Dataset:
         self,
         *,
         images: int,
-        bytes_per_pixel: float = WORK_BYTES_PER_PIXEL,
+        bytes_per_pixel: float = 60,
         fixed_bytes: float = 0.0,
-        fraction: float = WORK_FRACTION,
+        fraction: float = 0.3,
     ) -> Self:
         """Return the dataset at a size at which work on `images` images fits `fraction` of the memory budget.
 

@@ -7,9 +7,6 @@ from reconstruction.common.worker_pool import computed_once
 from reconstruction.scene.moving_pixels import SceneMotion
 from reconstruction.scene.pairs import FAINT_CONTRAST, Features, detect_features
 
-MAX_IMAGES, MAX_INSTANTS = 64, 9
-"""Number of images and of instants whose features are cached; some MB each."""
-
 
 class SceneFeatures:
     """Features by camera and instant; threads that ask for the same ones compute them once."""
@@ -17,16 +14,17 @@ class SceneFeatures:
     def __init__(self, motion: SceneMotion, same_images: Self | None = None) -> None:
         """`same_images`: features of the same images, for another motion."""
         self.dataset, self.motion = motion.dataset, motion
+        # Some MB of features each.
         self.of_image: Callable[[str, int], Features] = (
             same_images.of_image
             if same_images
             else computed_once(
                 lambda camera, k: detect_features(self.dataset.grey(camera, k), contrast=FAINT_CONTRAST),
-                MAX_IMAGES,
+                64,
             )
         )
         """The features of an image, including those of moving objects."""
-        self.at_rest = computed_once(self._at_rest, MAX_INSTANTS)
+        self.at_rest = computed_once(self._at_rest, 9)
         """Each camera's features at rest in the image nearest to an instant."""
 
     @property

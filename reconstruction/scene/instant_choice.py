@@ -17,11 +17,6 @@ from reconstruction.scene.conditions import (
 from reconstruction.scene.dataset import Dataset
 from reconstruction.scene.moving_pixels import SceneMotion
 
-MAX_DRAWS = 400
-CANDIDATES = 4
-"""Number of candidate instants for each requested one."""
-MIN_CANDIDATES = 16
-"""Minimum number of candidate instants."""
 MIN_MOVING = 0.0001
 """Minimum moving fraction of the image in every camera."""
 MIN_INSTANTS = 3
@@ -73,7 +68,7 @@ def instants_shown(dataset: Dataset, condition: Condition, instant: int) -> dict
     Raises:
         BadInputError: there is no such instant, or the burst is too short on one side of it.
     """
-    draws = MAX_DRAWS if condition.drawn and condition.anchor else 1
+    draws = 400 if condition.drawn and condition.anchor else 1
     for draw in range(draws):
         try:
             return dataset.nearest_instants(instant, condition.offsets_ms(dataset.cameras, instant, draw))
@@ -170,7 +165,7 @@ def choose_moving_instants(
 
     All cameras must have an image at each instant. If nothing moves, the result is spread over all of them.
     """
-    looked_at = evenly_spaced(instants, max(MIN_CANDIDATES, CANDIDATES * limit))
+    looked_at = evenly_spaced(instants, max(16, 4 * limit))
     shares = {k: min(float(motion.detected_moving(name, k).mean()) for name in cameras) for k in looked_at}
     moving = [k for k in looked_at if shares[k] >= MIN_MOVING]
     if len(moving) < min(MIN_INSTANTS, limit):

@@ -19,6 +19,7 @@ from reconstruction.common.image_matching import track_there_and_back
 from reconstruction.common.memory import ByteCache, memory_budget
 from reconstruction.scene.conditions import evenly_spaced
 from reconstruction.scene.dataset import Dataset
+from reconstruction.scene.pairs import GRID
 
 MIN_AREA_PX = 24
 """Minimum area of a moving region; smaller ones are noise."""
@@ -26,32 +27,16 @@ MIN_GREY_STEP = 8.0
 """Minimum change of grey level (of 255) that counts as motion."""
 SHAKE_PX = 0.7
 """Maximum shift of a static edge that is not motion, as with a vibrating camera."""
-LIGHT_STRIPS, LIGHT_STEP = 40, 4
-"""Number of strips of an image in which light may differ, and the step between pixels that show it."""
 WHITE = 254
 """Grey level from which a pixel may be saturated."""
-BACKGROUND_FRAMES = 25
-"""Images for the background; a longer burst is thinned to this many, or up to twice as many."""
 BACKGROUND_ROWS = 256
+"""Number of rows of which a median is taken at a time."""
 MARGIN_PX = 5
-CACHE_FRACTION = 0.05
-"""Fraction of the memory budget for each cache of masks or backgrounds."""
-GRID = (8, 6)
-"""Cells across and down; each counts once, so that a highly textured object does not dominate."""
-CELL_POINTS = 6
+"""Margin around what moves, within which nothing counts as at rest."""
 MIN_CELLS = 8
 """Minimum number of cells in which points can be tracked; with fewer the motion is unknown."""
-PAIRS = 4
-"""Number of image pairs that are compared."""
-APART_NS = 500_000_000
-"""Minimum time between the images of a pair; half the burst if that is shorter."""
 MIN_STILL = 0.25
 """Minimum static fraction of the image; below it the camera moves, or moving objects fill its view."""
-SHIFT_IMAGES = 7
-"""Number of images, spread over the burst, between which a camera's shifts are searched."""
-SIDE_PX = 640
-"""Longer side to which larger images are reduced."""
-TRACKED_PX = 15
 
 
 def median_background(images: Sequence[Array]) -> Array:
@@ -96,9 +81,10 @@ def in_light_of(image: Array, other: Array) -> Array:
     A lamp that flickers scales the image, mains light with a rolling shutter its rows, of which most stands
     still. The image is returned unchanged unless this explains half of the difference.
     """
-    some, others = (picture[::LIGHT_STEP, ::LIGHT_STEP].astype(np.float32) for picture in (image, other))
+    some, others = (picture[::4, ::4].astype(np.float32) for picture in (image, other))
     gains = np.median((some + 1) / (others + 1), axis=1)
-    rows = max(1, len(gains) // LIGHT_STRIPS)
+    # Light may differ between 40 strips of an image.
+    rows = max(1, len(gains) // 40)
     gains = np.median(sliding_window_view(np.pad(gains, rows, mode="edge"), 2 * rows + 1), axis=1)[:, None]
     changed, left = (float(np.median(np.abs(some - picture))) for picture in (others, others * gains))
     if left >= changed / 2:
@@ -138,7 +124,7 @@ class SceneMotion:
         """`step`: number of instants between an image and those it is compared with."""
         self.dataset = dataset
         self.step = step
-        cache_bytes = int(CACHE_FRACTION * memory_budget().limit_bytes)
+        cache_bytes = int(0.05 * memory_budget().limit_bytes)
         self._packed_moving = ByteCache(self._detect_moving, cache_bytes)
         self._packed_truth = ByteCache(self._read_truth, cache_bytes)
         self.background = ByteCache(self._background, cache_bytes)
@@ -178,7 +164,8 @@ class SceneMotion:
 
     def _background(self, camera: str) -> Array:
         there = self.dataset.instants(camera)
-        images = list(self._readable(camera, there[:: max(1, len(there) // BACKGROUND_FRAMES)]))
+        # A longer burst is thinned to 25 images, or up to twice as many.
+        images = list(self._readable(camera, there[:: max(1, len(there) // 25)]))
         # Where none can be read, the first one's error says why.
         return median_background(images or [self.dataset.grey(camera, there[0])])
 
@@ -206,7 +193,8 @@ def measure_camera_motion(dataset: Dataset, camera: str) -> tuple[float, float, 
     if len(times) < 2:
         return None
     # Half the burst shows slow motion; if nothing can be tracked over it, neighbouring images may do.
-    for apart_ns in (min(APART_NS, (times[-1] - times[0]) // 2), 1):
+    # Half a second apart, or half the burst if that is shorter.
+    for apart_ns in (min(500_000_000, (times[-1] - times[0]) // 2), 1):
         if followed := _follow_pairs(dataset, camera, max(1, apart_ns)):
             still_fraction, px, ms = map(float, np.median(followed, axis=0))
             return still_fraction, px, ms
@@ -220,7 +208,7 @@ def _follow_pairs(dataset: Dataset, camera: str, apart_ns: int) -> list[tuple[fl
     pairs = [(k, j) for k, j in later.items() if j is not None]
     motions = (
         (_cell_motions(dataset.grey(camera, k), dataset.grey(camera, j)), (times[j] - times[k]) / 1e6)
-        for k, j in evenly_spaced(pairs, PAIRS)
+        for k, j in evenly_spaced(pairs, 4)
     )
     return [
         (float((moved < SHAKE_PX).mean()), float(np.median(moved)), ms)
@@ -247,7 +235,8 @@ def find_shifts(dataset: Dataset, camera: str) -> list[tuple[int, int, float]]:
         )
 
     shifts = []
-    for begin, end in pairwise(evenly_spaced(range(len(there)), SHIFT_IMAGES)):
+    # Between seven images, spread over the burst.
+    for begin, end in pairwise(evenly_spaced(range(len(there)), 7)):
         if px := moved_px(begin, end):
             last = bisect_left(range(begin, end), True, key=lambda at: moved_px(begin, at) > 0) - 1 + begin
             first = bisect_left(range(begin, end), True, key=lambda at: moved_px(at, end) == 0) + begin
@@ -256,8 +245,11 @@ def find_shifts(dataset: Dataset, camera: str) -> list[tuple[int, int, float]]:
 
 
 def _cell_motions(before: Array, after: Array) -> Array:
-    """Return the median motion (n,), px, of each `GRID` cell in which points can be tracked."""
-    if (scale := min(1.0, SIDE_PX / max(before.shape))) < 1:
+    """Return the median motion (n,), px, of each `GRID` cell in which points can be tracked.
+
+    Each cell counts once, so that a highly textured object does not dominate.
+    """
+    if (scale := min(1.0, 640 / max(before.shape))) < 1:
         before, after = (
             cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
             for image in (before, after)
@@ -268,12 +260,12 @@ def _cell_motions(before: Array, after: Array) -> Array:
     for row, column in np.ndindex(*reversed(GRID)):
         left, top = column * across, row * down
         part = np.ascontiguousarray(before[top : top + down, left : left + across])
-        if (some := cv2.goodFeaturesToTrack(part, CELL_POINTS, 0.1, 5)) is not None:
+        if (some := cv2.goodFeaturesToTrack(part, 6, 0.1, 5)) is not None:
             corners.append(some.reshape(-1, 2) + np.array([left, top], np.float32))
     if not corners:
         return np.zeros(0)
     start = np.concatenate(corners)
-    there, drift = track_there_and_back(before, after, start, TRACKED_PX)
+    there, drift = track_there_and_back(before, after, start, 15)
     sure = np.where(drift < SHAKE_PX / 2, np.linalg.norm(there - start, axis=1) / scale, np.nan)
     cells = np.split(sure, np.cumsum([len(some) for some in corners])[:-1])
     return np.array([np.nanmedian(cell) for cell in cells if np.isfinite(cell).sum() >= 2])

@@ -14,27 +14,22 @@ from reconstruction.common.geometry import Array, View, angle_deg, angles_deg, o
 
 MAX_SIDE_PX = 1280
 """Longer side to which images are reduced for detecting points."""
-MAX_POINTS = 2500
 CLEAR_CONTRAST, FAINT_CONTRAST = 0.02, 0.01
 """Minimum contrast of points at rest, and of points on moving objects, which may be small."""
 STILL_RATIO = 0.75
 """Maximum ratio of a static match's distance to the second best's."""
-MAX_MATCHES = 200
 MIN_MATCHES = 25
+"""Minimum number of matches of two cameras that overlap."""
 GRID = (8, 6)
+"""Cells of an image, across and down."""
 CELLS = GRID[0] * GRID[1]
 """Cells across, down and in total of the grid that measures how features cover an image."""
-MIN_BASELINE = 1e-6
-"""Minimum distance of two cameras, in the calibration's unit and relative to their distance from its origin.
-
-Closer cameras are at the same place; the remaining distance is rounding error."""
 MAX_CANVAS_FRACTION = 8.0
 """Maximum canvas area, in reference images: cameras that look some 60 degrees off their common plane."""
-MIN_AHEAD = 0.05
-"""Minimum cosine of a ray to the plane's normal; with less the ray runs along the plane."""
 OVERLAP_LIMITS = (0.15, 0.8)
 """Minimum and maximum fraction of an image that its neighbour in a panorama overlaps."""
 EPIPOLAR_PX = 3.0
+"""Maximum epipolar error of a match."""
 BEST_PARALLAX_DEG = 10.0
 """Parallax beyond which two views look too different for dense matching."""
 MAX_REPORTED = 3
@@ -65,7 +60,7 @@ def size_above_features(width: int, height: int) -> float:
 def detect_features(
     image: Array,
     side_px: int = MAX_SIDE_PX,
-    points: int = MAX_POINTS,
+    points: int = 2500,
     contrast: float = CLEAR_CONTRAST,
     *,
     allowed: Array | None = None,
@@ -88,7 +83,7 @@ def detect_features(
     return Features(positions, np.asarray(descriptors, np.float32), contrasts)
 
 
-@lru_cache(maxsize=MAX_MATCHES)
+@lru_cache(maxsize=200)
 def match_at_rest(a: Features, b: Features) -> tuple[Array, Array]:
     """Return the indices (n,) of static points that are each other's best match; cached for all callers."""
     return match_descriptors(a.descriptors, b.descriptors, STILL_RATIO)
@@ -138,7 +133,8 @@ def rectifying_rotations(reference: View, other: View) -> tuple[Array, Array, fl
     length = float(np.linalg.norm(other.centre - reference.centre))
     far = max(float(np.linalg.norm(reference.centre)), float(np.linalg.norm(other.centre)), 1.0)
     # Written this way, NaN is refused too.
-    if not length > MIN_BASELINE * far:
+    # Closer cameras are at the same place; the remaining distance is rounding error.
+    if not length > 1e-6 * far:
         raise ValueError(f"both cameras stand at the same place by the calibration (baseline {length:.2g})")
     rotation, translation = other_from_reference(reference, other)
     x = -rotation.T @ translation / length
@@ -166,7 +162,8 @@ def canvas_bounds(reference: View, other: View) -> tuple[Array, Array]:
     aside = (
         f"baseline {length:.3g}, viewing directions {angle_deg(reference.axis, other.axis):.0f} degrees apart"
     )
-    if not (rays[:, 2] / np.linalg.norm(rays, axis=1)).min() > MIN_AHEAD:
+    # With a smaller cosine the ray runs along the plane.
+    if not (rays[:, 2] / np.linalg.norm(rays, axis=1)).min() > 0.05:
         raise ValueError(
             f"their pictures have no common plane: it would take a canvas without bounds ({aside})"
         )

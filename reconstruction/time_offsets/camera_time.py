@@ -11,6 +11,8 @@ from reconstruction.scene.dataset import Dataset
 from reconstruction.time_offsets.instant_votes import Change
 from reconstruction.time_offsets.single_images import SingleImages
 
+MAX_OFFSET_MS = 300.0
+"""Maximum offset searched for."""
 DIGITS = {
     "offset_ms": 3,
     "sd_ms": 3,

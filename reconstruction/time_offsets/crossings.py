@@ -34,7 +34,9 @@ from reconstruction.time_offsets.pair_geometry import (
 )
 
 MIN_MATCH_PX = 0.1
+"""Minimum error of a match."""
 MIN_STILL_PX = 0.2
+"""Minimum error of a static point."""
 MIN_ACROSS_PX = 1.0
 """Points that move across their line by less than this in a frame period are ignored."""
 MIN_ACROSS, MIN_AGREEING = 0.15, 0.25
@@ -66,15 +68,16 @@ INSTANT_PX = 0.12
 """Additional error that the points of one instant share."""
 ALIKE_INSTANTS = 3.0
 """Number of successive instants at which an object's outline has the same error."""
-ROUNDS = 20
 ODD_INSTANT_SIGMAS = 4.0
 """Standard deviations from which one of some twenty instants disagrees with the take."""
 MIN_JITTER = 3.0
 """Minimum ratio of the instants' scatter to their errors from which single images are called offset."""
 MIN_JITTER_INSTANTS = 5
+"""Minimum number of instants that show jitter."""
 MIN_GLITCHES = 0.2
 """Minimum fraction of instants with clear offsets of their own from which images jitter."""
 MIN_JITTER_FRAMES = 0.05
+"""Minimum jitter, in frames."""
 PARTS = 2
 """Number of parts from the middle of the image to its edge, across and down, whose bodies must agree."""
 ROW_STEPS, ROW_BINS = 20, 16
@@ -219,12 +222,6 @@ def median_px(errors_px: Array) -> float:
     return float(np.median(np.abs(errors_px))) if len(errors_px) else 0.0
 
 
-OTHER_LENSES = (
-    "the calibration is a guess, and other focal lengths fit the points at rest as well but show another "
-    "offset, or none: calibrate with a board"
-)
-
-
 class InstantOffset(Struct, frozen=True):
     """Delay of the second camera measured from one instant alone; `points` is how many agree."""
 
@@ -300,7 +297,10 @@ class OffsetFit:
         if self.offset_ms is None or self.sd_ms is None:
             return self
         if any(other.offset_ms is None or not other.change.resembles(self.change) for other in others):
-            return OffsetFit(reason=OTHER_LENSES)
+            return OffsetFit(
+                reason="the calibration is a guess, and other focal lengths fit the points at rest as well "
+                "but show another offset, or none: calibrate with a board"
+            )
 
         def wider(sd_ms: float, late_ms: float, theirs_ms: Iterable[float]) -> float:
             return float(np.hypot(sd_ms, max((abs(ms - late_ms) for ms in theirs_ms), default=0.0)))
@@ -617,7 +617,7 @@ def _fit(
     weigh = _weigher(moving, still, max(0.0, at_rest_px**2 - MATCH_PX**2))
     values: Array = np.zeros(1 + TERMS) if first is None else first
     match_px = 2.0
-    for step in range(ROUNDS):
+    for step in range(20):
         miss = seen - rows @ values
         if step:
             match_px = _robust_sd(miss[:count], MIN_MATCH_PX)

@@ -20,6 +20,7 @@ OUTSIDE = 2
 MIN_CHANGES = 6
 """Minimum number of changes of one camera that those of the other can explain."""
 BLUR_PX = 1.5
+"""Standard deviation of the blur against noise."""
 NOISES = 6.0
 """Multiple of the median difference between two images that is taken as their noise."""
 CLEARER_OUTSIDE = 0.5

@@ -16,6 +16,7 @@ from reconstruction.common.geometry import Array
 from reconstruction.common.templates import render_sentences
 
 BIN_MS = 0.5
+"""Step between the offsets that are voted for."""
 MATCH_PX = 0.5
 """Error of a match across its epipolar line."""
 TOLERANCE_FRAMES = 0.15
@@ -27,6 +28,7 @@ CHANGE_COST = 1.2
 FRAME_COST = 0.5
 """The same by each further frame of one step. Two instants at the end may seem far off where motion turns."""
 MAX_STEP_FRAMES = 4
+"""Maximum number of frames that a step drops or repeats."""
 MAX_RATE = 0.35
 """Maximum difference of two cameras' frame rates, as a fraction."""
 MIN_DRIFT_FRAMES = 0.6

@@ -15,7 +15,7 @@ import numpy as np
 from capture_app.session.format.common_times import REFERENCE
 from reconstruction.common.geometry import Array
 from reconstruction.scene.dataset import Dataset
-from reconstruction.time_offsets.camera_time import CameraTime, ImageTimes
+from reconstruction.time_offsets.camera_time import MAX_OFFSET_MS, CameraTime, ImageTimes
 
 STEP = 2
 """Images this far apart show the full difference when the lamp switches between them."""
@@ -27,41 +27,24 @@ MIN_FRACTION = 0.02
 """Minimum change of brightness by a lamp, as a fraction of the brightness."""
 MIN_RISE = 8.0
 """Minimum difference of a pixel between dark and lit, in grey levels."""
-WHITE = 250
-MIN_SD = 0.01
-"""Minimum error of a row's lit fraction, due to mains flicker, image compression and the like."""
-ROW_PIXELS = 12
-"""Minimum number of pixels of a row that differ between dark and lit."""
-WIDTHS_MS = tuple(np.geomspace(0.4, 60.0, 28))
-BENDS = (0.55, 0.8, 1.1)
-"""Exponents of the tone curve between dark and lit."""
-MAX_FITTED = 6
-"""Maximum number of edges used to fit the ramp; more hardly improve it."""
-FITTED_ROWS = 100
 COVERED = 0.5
 """Minimum fraction of an edge's ramp that must be covered by rows that were read out."""
 MIN_ROWS = 6
+"""Minimum number of rows that show an edge."""
 MAX_RESIDUAL = 0.12
+"""Maximum RMS residual of an edge from its ramp, as a fraction of its rise."""
 STEPS = 61
+"""Number of times at which an edge is tried."""
 RAMP_ERROR = 0.015
 """Error of an edge from a different tone curve or flickering light, as a fraction of its ramp."""
-SHARED_ROWS = 8
-"""Number of rows that share their errors: the height of a block in a compressed image."""
-MAX_OFFSET_MS = 300.0
-"""Maximum offset searched for."""
 NEAR_MS = 20.0
 """Maximum distance of edges that may be the same after an offset: the gap that images can hide."""
 MIN_EDGES = 3
 """Minimum number of common edges; with fewer the error bar is not reliable."""
 SLOW_MS = 15.0
 """Maximum rise time of a lamp beyond the exposure; a slower lamp has no edge."""
-RECORDED_ROW_SD, ASSUMED_ROW_SD = 0.03, 0.3
-"""Relative standard deviation of a row time that the session records, and of one that is assumed."""
-TYPICAL_READOUT = 0.7
-"""Fraction of the period that a readout is assumed to take if no row time is recorded."""
-BEND_MS = 2.0
-"""Standard deviation of the apparent delay of rising edges, and advance of falling ones."""
 SYSTEMATIC_MS = 0.02
+"""Systematic error of an offset by light; one standard deviation."""
 LIGHT = "light"
 """Source name of an offset measured from a lamp."""
 NO_LAMP = "it sees no blinking lamp"
@@ -172,7 +155,8 @@ def _edge(
         for edge in ((early, late) if rising else (late, early))
     )
     rise = bright - dark
-    usable = (rise > MIN_RISE) & (bright < WHITE)
+    # White pixels show no difference.
+    usable = (rise > MIN_RISE) & (bright < 250)
     lit, sd = np.stack([_lit_rows(dataset.grey(camera, k), dark, rise, usable) for k in shown], axis=1)
     known = np.isfinite(lit)
     return BlinkEdge(
@@ -191,8 +175,9 @@ def _lit_rows(image: Array, dark: Array, rise: Array, usable: Array) -> tuple[Ar
             typical = np.nanmedian(np.where(usable, miss, np.nan), axis=1)
             weights = np.where(usable & (miss < 3 * 1.4826 * typical[:, None] + 1), rise, 0)
             lit = (weights * over).sum(1) / (weights * rise).sum(1)
-        sd = np.hypot(MIN_SD, (1.4826 * typical + 1) / np.sqrt((weights * rise).sum(1)))
-    shown = (weights > 0).sum(1) >= ROW_PIXELS
+        # At least 0.01, for mains flicker, image compression and the like.
+        sd = np.hypot(0.01, (1.4826 * typical + 1) / np.sqrt((weights * rise).sum(1)))
+    shown = (weights > 0).sum(1) >= 12
     return np.where(shown, lit, np.nan), np.where(shown, sd, np.nan)
 
 
@@ -201,13 +186,14 @@ def fit_ramp(edges: Sequence[BlinkEdge], height: int) -> Ramp:
 
     `height` is the number of rows of the images.
     """
-    chosen = [edges[int(k)] for k in np.linspace(0, len(edges) - 1, min(MAX_FITTED, len(edges)))]
-    thinned = [(edge.every(max(1, height // FITTED_ROWS)), edge.rough_ms) for edge in chosen]
+    # More edges hardly improve the ramp.
+    chosen = [edges[int(k)] for k in np.linspace(0, len(edges) - 1, min(6, len(edges)))]
+    thinned = [(edge.every(max(1, height // 100)), edge.rough_ms) for edge in chosen]
 
     def residual(ramp: Ramp) -> float:
         return sum(edge.place(near, ramp[0], ramp)[1] for edge, near in thinned)
 
-    best = min((residual(ramp), ramp) for ramp in product(WIDTHS_MS, BENDS))
+    best = min((residual(ramp), ramp) for ramp in product(np.geomspace(0.4, 60.0, 28), (0.55, 0.8, 1.1)))
     for finer in (0.1, 0.05, 0.025):
         width, bend = best[1]
         near_by = product(
@@ -232,7 +218,8 @@ def find_edge_time(edge: BlinkEdge, ramp: Ramp) -> EdgeTime | None:
     if (residual := float(np.sqrt(np.mean(np.clip(miss, -0.4, 0.4) ** 2)))) > MAX_RESIDUAL:
         return None
     # Change of the rows' levels with a shift, relative to their errors; neighbouring rows share errors.
-    precision = np.sqrt(np.sum((1 / width_ms / np.maximum(edge.sd[inside], residual)) ** 2) / SHARED_ROWS)
+    # Eight rows share their errors: the height of a block in a compressed image.
+    precision = np.sqrt(np.sum((1 / width_ms / np.maximum(edge.sd[inside], residual)) ** 2) / 8)
     row = np.average(edge.row, weights=np.maximum(0, 1 - np.abs(2 * part - 1)))
     return at, float(row), float(np.hypot(1 / precision, RAMP_ERROR * width_ms))
 
@@ -315,7 +302,8 @@ def _row_times(dataset: Dataset, camera: str) -> tuple[dict[int, Array], float, 
     rows_ms = {k: times.of_rows_ms(camera, k, rows) for k in dataset.instants(camera)}
     if times.by_rows:
         return rows_ms, (facts.row_time_ns or 0) / 1e6 * facts.height / height, True
-    row_ms = TYPICAL_READOUT * dataset.period_ns / 1e6 / height
+    # A readout is assumed to take 0.7 of the period.
+    row_ms = 0.7 * dataset.period_ns / 1e6 / height
     return {k: at - row_ms * height / 2 + row_ms * rows for k, at in rows_ms.items()}, row_ms, False
 
 
@@ -351,8 +339,10 @@ def _solve(
     ]
     values, at_rows, sds = np.array([time for _, _, time in rows]).T
     count, spare = len(numbers), len(rows) - len(numbers) - len(names)
-    row_sds = [RECORDED_ROW_SD if seen[name].recorded else ASSUMED_ROW_SD for name in names]
-    priors = np.concatenate([np.zeros(count), *([0.0, 1 / sd**2, 1 / BEND_MS**2] for sd in row_sds)])
+    # Relative standard deviations of recorded row times, and of assumed ones.
+    row_sds = [0.03 if seen[name].recorded else 0.3 for name in names]
+    # Rising edges seem later, and falling ones earlier, by 2 ms (standard deviation).
+    priors = np.concatenate([np.zeros(count), *([0.0, 1 / sd**2, 1 / 2**2] for sd in row_sds)])
     design = np.zeros((len(rows), len(priors)))
     for line, (camera, number, _) in enumerate(rows):
         lamp, at = seen[names[camera]], count + 3 * camera

@@ -8,13 +8,13 @@ import numpy as np
 from reconstruction.common.geometry import Array
 
 MIN_AREA_PX = 20.0
+"""Minimum area; smaller objects are noise."""
 MAX_FRACTION = 0.02
 """Maximum area, as a fraction of the image; larger objects have corners, and parts that move separately."""
 MAX_ASPECT = 2.0
+"""Maximum ratio of an object's sides."""
 MIN_SOLID = 0.8
 """Minimum fraction of its convex hull that an object fills."""
-MAX_THINGS = 4
-"""Maximum number of objects per image; the largest are used."""
 GROWTH = 1.5
 """Maximum ratio of an object's areas in two successive images."""
 MAX_STEP_WIDTHS = 6.0
@@ -22,8 +22,7 @@ MAX_STEP_WIDTHS = 6.0
 MAX_CHANGE, SMALL_STEP_PX = 0.5, 2.0
 """Maximum change of an object's speed, as a fraction, and a step between images that may change wholly."""
 EDGE_PX = 2
-PIXEL_PX = 0.28
-"""Deviation of a perfect ellipse's contour, which consists of whole pixels."""
+"""Margin of an object, which must lie within the image."""
 SHAPE_ERROR = 0.5
 """Error of an object's centre along an axis, as a fraction of its contour's deviation from an ellipse.
 
@@ -85,7 +84,7 @@ def find_outlines(image: Array, background: Array, moving: Array) -> Outlines:
         left, top, wide, high, area = (int(value) for value in stats[k])
         whole = min(left, top, width - left - wide, height - top - high) >= EDGE_PX
         compact = max(wide, high) < MAX_ASPECT * min(wide, high)
-        if area < MIN_AREA_PX or len(outlines) == MAX_THINGS:
+        if area < MIN_AREA_PX or len(outlines) == 4:
             break
         if area > MAX_FRACTION * image.size or not whole or not compact:
             continue
@@ -110,7 +109,8 @@ def _roughness_px(mask: Array) -> float:
     spread, offset = np.cov(inside.T), _contour(mask) - inside.mean(0)
     radii = np.sqrt((offset @ np.linalg.inv(spread) * offset).sum(1)) / 2
     deviation_px = 2 * np.linalg.det(spread) ** 0.25 * radii.std()
-    return float(np.sqrt(max(0.0, deviation_px**2 - PIXEL_PX**2)))
+    # A perfect ellipse's contour deviates by 0.28 px, as it consists of whole pixels.
+    return float(np.sqrt(max(0.0, deviation_px**2 - 0.28**2)))
 
 
 def _measured(difference: Array, mask: Array, corner: tuple[int, int]) -> tuple[Array, float, float]:

@@ -11,25 +11,18 @@ from reconstruction.scene.calibration.consistency import consistent_matches
 ODDS_PX = (1.0, 0.5, 0.3, 0.15)
 """Standard deviations of a calibration's smooth image errors, px: terms of degree 0, 1, 2 and 3 in the
 position in the image."""
-DIRECTION = 3e-3
-"""Standard deviation of the direction from one camera to the other, rad."""
 TERMS = 12
+"""Number of terms: ten of `ODDS_PX`, and two of the direction."""
 CORRECTIONS = np.array([0.02] * 3 + [0.05] * 2 + [0.02, 0.01, 0.01, 0.05] * 2)
 """Standard deviations of a wrong calibration's errors: three angles and two directions of the baseline (rad);
 for each camera the logarithm of the focal length, the principal point (image widths), and k1 of the lens."""
-POSE_CORRECTIONS = np.array([0.05] * 3 + [0.1] * 2 + [1e-9] * 8)
-"""The same of cameras with known lenses, and poses that are found with other ones."""
 OTHER_FOCALS = ((0.7, 0.7), (1.4, 1.4), (0.87, 1.15), (1.15, 0.87))
 """Factors of both focal lengths by which a guess from still pictures may be off: COLMAP's first guess of 1.2
 image widths was 37 % off, within which the points of two cameras hold none."""
-DIRECTION_IN_MOTION = 0.3
-"""The same of the baseline's directions for moving cameras, rad: at constant velocity they act as a delay."""
 MAX_CORRECTION = 10.0
 """Maximum correction, in those standard deviations; a larger one is another optimum or another lens model."""
 CORRECTED_PX = 0.5
 """Maximum median epipolar error that a correction may leave."""
-CORRECTION_POINTS = 500
-MIN_POINT_PX = 0.2
 
 
 def geometry_terms(a: View, b: View, at_a: Array, at_b: Array) -> Array:
@@ -47,7 +40,8 @@ def geometry_terms(a: View, b: View, at_a: Array, at_b: Array) -> Array:
     apart = b.centre - a.centre
     distance = float(np.linalg.norm(apart))
     now = epipolar_errors_px(a, b, at_a, at_b)
-    steps = distance * DIRECTION * np.linalg.svd(apart[None] / distance)[2][1:]
+    # The direction from one camera to the other is known to 3 mrad.
+    steps = distance * 3e-3 * np.linalg.svd(apart[None] / distance)[2][1:]
     moved = (replace(b, translation=b.translation - b.rotation @ step) for step in steps)
     return np.column_stack([*smooth, *(epipolar_errors_px(a, view, at_a, at_b) - now for view in moved)])
 
@@ -79,7 +73,8 @@ def correct_views(
     """
     sds, steps_px = np.append(errors_of, 1.0), np.zeros_like(at_b)
     if speeds is not None:
-        sds[3:5], steps_px = DIRECTION_IN_MOTION, speeds * period_ms
+        # At constant velocity, the baseline's directions act as a delay.
+        sds[3:5], steps_px = 0.3, speeds * period_ms
     found, changes = np.zeros(len(sds)), 1e-3 * np.eye(len(sds))
 
     def errors_px(values: Array) -> Array:
@@ -91,12 +86,12 @@ def correct_views(
         good = consistent_matches(_corrected(views, found * sds), at_a, at_b - found[-1] * steps_px)
         if good is None:
             return None
-        chosen = np.random.default_rng(0).permutation(np.flatnonzero(good))[:CORRECTION_POINTS]
+        chosen = np.random.default_rng(0).permutation(np.flatnonzero(good))[:500]
         for _ in range(8):
             errors = errors_px(found)
             beside = np.column_stack([errors_px(found + change) for change in changes])
             slopes = (beside - errors[:, None]) / changes[0, 0]
-            sd_px = max(MIN_POINT_PX, 1.4826 * float(np.median(np.abs(errors))))
+            sd_px = max(0.2, 1.4826 * float(np.median(np.abs(errors))))
             weights = 1 / sd_px**2 / (1 + (errors / (2 * sd_px)) ** 2)
             normal = slopes.T @ (weights[:, None] * slopes) + np.eye(len(found))
             found = found - np.linalg.solve(normal, slopes.T @ (weights * errors) + found)
@@ -114,13 +109,14 @@ def correct_views(
 def other_calibrations(views: tuple[View, View], at_a: Array, at_b: Array) -> list[tuple[View, View]]:
     """Return calibrations of `OTHER_FOCALS` that fit static matches (n, 2) px, each with its own pose."""
     scaled = (
-        tuple(
-            replace(view, matrix=view.matrix * np.array([[factor, 1, 1], [1, factor, 1], [1, 1, 1]]))
-            for view, factor in zip(views, factors, strict=True)
-        )
+        tuple(view.magnified(factor) for view, factor in zip(views, factors, strict=True))
         for factors in OTHER_FOCALS
     )
-    corrected = (correct_views((a, b), at_a, at_b, errors_of=POSE_CORRECTIONS) for a, b in scaled)
+    # With known lenses and poses that are found with other ones.
+    corrected = (
+        correct_views((a, b), at_a, at_b, errors_of=np.array([0.05] * 3 + [0.1] * 2 + [1e-9] * 8))
+        for a, b in scaled
+    )
     return [correction[0] for correction in corrected if correction is not None]
 
 

@@ -20,7 +20,7 @@ from reconstruction.scene.instant_choice import choose_moving_instants
 from reconstruction.scene.moving_pixels import MIN_STILL, find_shifts, measure_camera_motion
 from reconstruction.scene.pairs import FAINT_CONTRAST, detect_features, match_at_rest
 from reconstruction.scene.scene import Scene
-from reconstruction.time_offsets.camera_time import ImageTimes
+from reconstruction.time_offsets.camera_time import MAX_OFFSET_MS, ImageTimes
 from reconstruction.time_offsets.crossings import (
     MAX_IN_MOTION_PX,
     TYPICAL_AT_REST_PX,
@@ -48,40 +48,18 @@ from reconstruction.time_offsets.rough_offset import RoughOffset, find_rough_off
 from reconstruction.time_offsets.screens import find_screen
 from reconstruction.time_offsets.single_images import repeated_images
 
-MAX_POINTS = 400
-MAX_SIDE_PX = 960
-"""Longer side beyond which a moving region is reduced before points are detected in it."""
 MARGIN_PX = 16
 """Margin around a moving region, so that points at its edge get descriptors too."""
 MAX_DRIFT_PX = 0.5
 """Maximum distance from its start of a point tracked to the neighbouring image and back."""
-WINDOW_PX = 15
 MATCH_RATIO = 0.8
 """Maximum ratio of a match's distance to the second best's."""
-LEVELS = 4
-"""Levels of the image pyramid for tracking."""
-MAX_OFFSET_MS = 300.0
-"""Maximum offset searched for."""
-MAX_TRACK_PERIODS = 2.5
-"""Maximum time between images for tracking, in frame periods."""
-STILL_INSTANTS = 9
-"""Number of instants, spread over the session, at which static points are matched."""
-MAX_FRAMES = 20
-"""Maximum offset searched for, in frames to either side."""
 INSTANTS = 6, 48
 """Minimum and maximum number of instants of a pair."""
-MAX_ALIGNED_INSTANTS = 60
-"""The same maximum for recordings without common times, whose clocks' rates are measured too."""
-IMAGES = 150
-"""Approximate number of images of all cameras together; more cameras mean fewer instants of each pair."""
 DISAGREEING = 3.0
 """Standard deviations between two fits of an offset from which they contradict each other."""
-LINEAR_STEPS = 4
-"""Maximum number of times that points are moved along their paths to the offset found."""
 MIN_REST = 0.3
 """Minimum fraction of a camera's instants between two shifts from which those alone are measured."""
-PLACINGS, BESIDE_STEP = 3, 6
-"""Maximum number of times that further instants around a step are measured, and how many each time."""
 UNDETERMINED = (
     "the calibration is a guess from points that lie in one plane, or far away, and that fit other poses as "
     "well: calibrate with a board"
@@ -94,15 +72,13 @@ TURNS, NEARLY_ALL, EVENLY = 5, 0.7, 0.8
 """Instants at which a turn is looked for, fraction of moving points that turn, and ratio of its speeds."""
 MIN_CIRCLING_PX, MIN_ROTATION = 1.0, 0.05
 """Minimum motion of a point, and minimum turn (rad), from frame to frame."""
-OUTLINE_COUNTS = 4.0
-"""Number of points that an object's centre counts for: its whole outline determines it."""
 
 
 def _follow(image: Array, other: Array | None, at: Array) -> Array:
     """Track points (n, 2) to another image; NaN where they do not return."""
     if other is None or not len(at):
         return np.full_like(at, np.nan)
-    there, drift = track_there_and_back(image, other, at, WINDOW_PX, LEVELS)
+    there, drift = track_there_and_back(image, other, at, 15, 4)
     return np.where((drift < MAX_DRIFT_PX)[:, None], there.astype(np.float64), np.nan)
 
 
@@ -122,8 +98,10 @@ class PairOffsets:
     def __init__(self, scene: Scene) -> None:
         self.scene = scene
         self.dataset = scene.dataset
-        self.max_offset_ms = min(MAX_OFFSET_MS, MAX_FRAMES * self.dataset.period_ns / 1e6)
-        self.max_instants = int(np.clip(IMAGES // len(self.dataset.cameras), *INSTANTS))
+        # Offsets of at most twenty frames are searched for.
+        self.max_offset_ms = min(MAX_OFFSET_MS, 20 * self.dataset.period_ns / 1e6)
+        # About 150 images of all cameras together: more cameras mean fewer instants of each pair.
+        self.max_instants = int(np.clip(150 // len(self.dataset.cameras), *INSTANTS))
         self._points = computed_once(self._find_points)
         self._outlines = computed_once(self._find_outlines)
         self._stays = computed_once(self._find_staying)
@@ -178,7 +156,8 @@ class PairOffsets:
         )
         if isinstance(rough, str):
             return OffsetFit(reason=rough)
-        fit = self.measure(first, second, MAX_ALIGNED_INSTANTS, rough=rough)
+        # Clocks' rates are measured too, by more instants than offsets alone.
+        fit = self.measure(first, second, 60, rough=rough)
         if fit.change.steps:
             return OffsetFit(
                 reason=f"{fit.change.describe(second, first)}: it dropped or repeated frames", moved=fit.moved
@@ -261,9 +240,9 @@ class PairOffsets:
         crossings = cross(pair)
         fit = fit_offset(crossings, still, period_ms, recorded_px)
         # A long take is measured at some instants only: those around a step place it.
-        for _ in range(PLACINGS):
+        for _ in range(3):
             around = [k for k in asked if any(step.earliest <= k < step.latest for step in fit.change.steps)]
-            if not (more := evenly_spaced([k for k in around if k not in chosen], BESIDE_STEP)):
+            if not (more := evenly_spaced([k for k in around if k not in chosen], 6)):
                 break
             chosen = [*chosen, *more]
             crossings = Crossings.join((crossings, cross(pair, more)))
@@ -356,7 +335,8 @@ class PairOffsets:
             objects = np.zeros(0, int), np.zeros(0, int)
         first = self._path(times, a, here[1][:, corners[0]], objects[0])
         second = self._path(times, b, there[1][:, corners[1]], objects[1])
-        counts = np.concatenate([np.ones(len(corners[0])), np.full(len(objects[0]), OUTLINE_COUNTS)])
+        # An object's whole outline determines its centre.
+        counts = np.concatenate([np.ones(len(corners[0])), np.full(len(objects[0]), 4.0)])
         errors_px = np.hypot(
             self._outlines(*a).errors_px[objects[0]], self._outlines(*b).errors_px[objects[1]]
         )
@@ -386,7 +366,7 @@ class PairOffsets:
             if not data.has_image(camera, k) or k in self.repeated(camera):
                 return False
             apart_ns = data.record(camera, k).leader_ns - data.record(camera, instant).leader_ns
-            return abs(apart_ns) <= MAX_TRACK_PERIODS * data.period_ns
+            return abs(apart_ns) <= 2.5 * data.period_ns
 
         before = next(filter(near, range(instant - 1, instant - 4, -1)), None)
         return before, next(filter(near, range(instant + 1, instant + 4)), None)
@@ -402,7 +382,8 @@ class PairOffsets:
         left, top, wide, tall = cv2.boundingRect(moving.astype(np.uint8))
         corner = max(0, left - MARGIN_PX), max(0, top - MARGIN_PX)
         part = np.s_[corner[1] : top + tall - 1 + MARGIN_PX, corner[0] : left + wide - 1 + MARGIN_PX]
-        points = detect_features(image[part], MAX_SIDE_PX, MAX_POINTS, FAINT_CONTRAST, allowed=moving[part])
+        # Larger regions than 960 px are reduced before points are detected in them.
+        points = detect_features(image[part], 960, 400, FAINT_CONTRAST, allowed=moving[part])
         at, raw = points.positions + corner, points.descriptors
         roots = np.sqrt(raw / np.maximum(raw.sum(1, keepdims=True), 1e-7))
         others = (None if k is None else data.grey(camera, k) for k in self._neighbours(camera, instant))
@@ -420,7 +401,8 @@ class PairOffsets:
     def _still_matches(self, first: str, second: str) -> tuple[Array, Array]:
         """Return matched static points, (n, 2) px in each camera."""
         matches = [(np.zeros((0, 2)), np.zeros((0, 2)))]
-        some = evenly_spaced(sorted({*self._rest(first)[0]} & {*self._rest(second)[0]}), STILL_INSTANTS)
+        # At nine instants, spread over the session.
+        some = evenly_spaced(sorted({*self._rest(first)[0]} & {*self._rest(second)[0]}), 9)
         half = len(some) // 2
         for k, other in zip(some, some[half:] + some[:half], strict=True):
             a, b = (self.scene.features.at_rest(k)[name] for name in (first, second))
@@ -496,7 +478,7 @@ def _correct_in_motion(
     near_ms: float,
 ) -> Correction | None:
     """Correct a calibration and the offset, starting at `near_ms`; None if that does not converge."""
-    for _ in range(LINEAR_STEPS):
+    for _ in range(4):
         if (geometry := correct_views(pair, *in_motion(near_ms), period_ms)) is None:
             break
         views, late_ms, sd_ms = geometry

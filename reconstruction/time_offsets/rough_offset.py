@@ -10,15 +10,10 @@ from reconstruction.common.geometry import Array
 from reconstruction.scene.dataset import Dataset
 from reconstruction.time_offsets.crossings import OffsetFit
 
-SIDE_PX = 160
-"""Longer side to which images are reduced; only the amount of change matters."""
 STEPS = 3.0
 """Resampling steps per frame period."""
-MIN_OVERLAP_S = 1.0
 MIN_IMAGES = 8
 """Minimum number of images that are compared."""
-CANDIDATES = 8
-APART_STEPS = 4
 
 
 Activity = tuple[Array, Array]
@@ -27,7 +22,6 @@ RoughOffset = tuple[float, float]
 """Approximate delay of a pair's second camera, and the maximum error of this delay, ms."""
 MAX_ERROR_FRAMES = 2.5
 """Maximum error of a rough offset, in frame periods."""
-TRIAL_INSTANTS = 8
 DISTINCT = 1.5
 """Ratio of an offset's agreeing crossings to another's from which the other is not tried again."""
 DISTINCT_AT_ONCE = 1.2
@@ -41,7 +35,8 @@ REPEATS = 0.5
 def reduced_image(dataset: Dataset, camera: str, instant: int) -> Array:
     """Return an image's brightness, uint8, reduced so that its longer side is `SIDE_PX`."""
     grey = dataset.grey(camera, instant)
-    scale = SIDE_PX / max(grey.shape)
+    # Only the amount of change matters.
+    scale = 160 / max(grey.shape)
     return np.asarray(cv2.resize(grey, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA))
 
 
@@ -63,7 +58,8 @@ def rough_offsets_ms(first: Activity, second: Activity, period_ms: float) -> Seq
     if min(len(times_ms) for times_ms, _ in (first, second)) < MIN_IMAGES:
         return []
     a, b = (_evenly(activity, step) for activity in (first, second))
-    min_steps = max(round(MIN_OVERLAP_S * 1e3 / step), min(len(a), len(b)) // 3)
+    # At least a second.
+    min_steps = max(round(1e3 / step), min(len(a), len(b)) // 3)
     lags = np.arange(-(len(b) - min_steps), len(a) - min_steps + 1)
     # A correlation over more images is less likely to be chance.
     fits = np.array(
@@ -71,10 +67,11 @@ def rough_offsets_ms(first: Activity, second: Activity, period_ms: float) -> Seq
     )
     chosen: list[float] = []
     for k in np.argsort(-fits):
-        if fits[k] <= 0 or len(chosen) == CANDIDATES:
+        # Eight candidates, each more than four steps from the others.
+        if fits[k] <= 0 or len(chosen) == 8:
             break
         offset = float(first[0][0] - second[0][0] + lags[k] * step)
-        if all(abs(offset - other) > APART_STEPS * step for other in chosen):
+        if all(abs(offset - other) > 4 * step for other in chosen):
             chosen.append(offset)
     return chosen
 
@@ -121,7 +118,7 @@ def find_rough_offset(
     tried = list[tuple[float, float]]()
     reason = "the amount of motion in view matches at no offset"
     for offset_ms in rough_offsets_ms(first, second, period_ms):
-        fit = measure(TRIAL_INSTANTS, rough=(offset_ms, MAX_ERROR_FRAMES * period_ms))
+        fit = measure(8, rough=(offset_ms, MAX_ERROR_FRAMES * period_ms))
         if fit.offset_ms is None:
             reason = fit.reason
         else:

@@ -15,12 +15,8 @@ from reconstruction.scene.dataset import Dataset
 
 WHOLE_FRAMES = 0.25
 """Maximum distance from a whole number of frames at which an image is called so many frames later."""
-PARTS, BESIDE = 6, 4
-"""Number of parts of a take searched for stalled images, and instants to either side of each middle."""
 STALLED, MOVING = 0.25, 0.5
 """Change of a stalled image at most, and of the others' images at least, relative to the camera's median."""
-NOISE_PX, CHANGED = 1.5, 99.9
-"""Blur against noise, and percentile of the difference of two images that is their change."""
 
 
 class SingleImages(Struct, frozen=True, kw_only=True, omit_defaults=True):
@@ -107,15 +103,16 @@ def stalled_images(dataset: Dataset, cameras: Collection[str]) -> dict[str, tupl
 def _changes(dataset: Dataset, camera: str) -> dict[int, float]:
     """Return how much images differ from the ones before, relative to the median."""
     known = dataset.instants(camera)
-    middles = evenly_spaced(known, PARTS)
-    near = {k for middle in middles for k in range(middle - BESIDE, middle + BESIDE + 1)}
+    # In six parts of the take, four instants to either side of each middle.
+    middles = evenly_spaced(known, 6)
+    near = {k for middle in middles for k in range(middle - 4, middle + 5)}
     blurred = dict[int, Array]()
     for k in sorted(near.intersection(known)):
         if dataset.has_image(camera, k):
             image = dataset.grey(camera, k).astype(np.float32)
-            blurred[k] = cv2.GaussianBlur(image, (0, 0), NOISE_PX)
+            blurred[k] = cv2.GaussianBlur(image, (0, 0), 1.5)
     sizes = {
-        k: float(np.percentile(np.abs(image - blurred[k - 1]), CHANGED))
+        k: float(np.percentile(np.abs(image - blurred[k - 1]), 99.9))
         for k, image in blurred.items()
         if k - 1 in blurred
     }

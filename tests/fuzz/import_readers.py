@@ -8,7 +8,7 @@ import msgspec
 
 from capture_app.common.errors import SimulshotError
 from capture_app.companions.exporting.export_session import export_session
-from capture_app.companions.importing.recording import ImportOptions
+from capture_app.companions.importing.import_options import ImportOptions
 from capture_app.companions.importing.times.tables import timeline_by_tables
 from capture_app.plugins.footage.gopro import parse_payload, read_gps_clock
 from capture_app.plugins.footage.sound import read_sound

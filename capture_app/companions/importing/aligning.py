@@ -7,6 +7,7 @@ from typing import TypeVar
 from msgspec.structs import replace
 
 from capture_app.common.errors import BadInputError
+from capture_app.companions.importing.import_options import ImportOptions
 from capture_app.session.alignment.alignment_method import AlignmentMethod, alignment_methods
 from capture_app.session.alignment.clock_line import Against, chain_cameras, measure_pairs
 from capture_app.session.format.common_times import REFERENCE, CameraTimes, CommonTimes
@@ -16,27 +17,6 @@ from capture_app.session.importing.recording_sources import Half, Source, Video,
 _Value = TypeVar("_Value")
 MOTION = "motion"
 """Alignment by what moves, which is the reconstruction's, on the session as it is written."""
-SOUND_M_PER_S = 343.0
-SOUND_DISTANCE_M = 1.0
-SOUND_DELAY_MS = 20.0
-"""Assumed: there is no measurement of the cameras' sound delay."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class AlignmentOptions:
-    """How cameras without common times are aligned."""
-
-    align: str = "auto"
-    """Method that aligns a recording without common times: a method's name, none, motion, or auto."""
-    sound_distance_m: float = SOUND_DISTANCE_M
-    """Maximum difference between the cameras' distances to a sound, m."""
-    sound_delay_ms: float = SOUND_DELAY_MS
-    """Maximum difference between two cameras' delays from image to sound, ms (95 %)."""
-
-    @property
-    def sound_error_s(self) -> float:
-        """Possible offset between two cameras' sounds while their images are simultaneous, s (95 %)."""
-        return self.sound_distance_m / SOUND_M_PER_S + self.sound_delay_ms / 1000
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +29,7 @@ class Aligned:
     notes: Sequence[str] = ()
 
 
-def align_times(sources: Sequence[Source], times: Times, options: AlignmentOptions) -> Aligned:
+def align_times(sources: Sequence[Source], times: Times, options: ImportOptions) -> Aligned:
     """Align a recording whose times are unknown, by the method that the user names, or by any.
 
     Cameras that cannot be aligned are left out, if at least two others can. The notes are what each method
@@ -96,7 +76,7 @@ def split_views(aligned: Aligned) -> Aligned:
 
 
 def _measure(
-    sources: Sequence[Source], times: Times, unknown: CommonTimes, options: AlignmentOptions
+    sources: Sequence[Source], times: Times, unknown: CommonTimes, options: ImportOptions
 ) -> tuple[CommonTimes, list[str]]:
     """Return the state of a recording's times with each camera's offset, `unknown` without any; and notes.
 

@@ -3,7 +3,7 @@
 import filecmp
 from collections import Counter
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import combinations, product
 from pathlib import Path
 
@@ -11,6 +11,7 @@ from capture_app.common.errors import BadInputError
 from capture_app.common.names import label_key, natural_order
 from capture_app.common.text import count
 from capture_app.companions.importing.clips import find_shoots
+from capture_app.companions.importing.import_options import ImportOptions
 from capture_app.companions.importing.times.tables import find_tables
 from capture_app.session.importing.importer import (
     CALIBRATION,
@@ -41,25 +42,11 @@ UNREAD = (
 """Names of calibrations that no importer reads, and whose they are by their pages."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class FindOptions:
-    """Which recording is opened, and how."""
-
-    recording: str | None = None
-    """Name of one recording, if a program's folder has several."""
-    png: bool = False
-    """Store a video's frames as PNG instead of JPEG (quality 95)."""
-    split: str | None = None
-    """`side-by-side` if each picture holds a left and a right view, as stereo cameras write them."""
-
-
-def find_recordings(
-    paths: Sequence[str], options: FindOptions, *, states_times: bool
-) -> tuple[list[Layout], list[str]]:
+def find_recordings(paths: Sequence[str], options: ImportOptions) -> tuple[list[Layout], list[str]]:
     """Return the recordings of a program's folder, or the takes in an arbitrary one, and lines about them.
 
-    `states_times`: the user states the times, so that no table of them is looked for. Raises BadInputError if
-    there is nothing to import.
+    Where the user states the times, no table of them is looked for. Raises BadInputError if there is nothing
+    to import.
     """
     given, path = split_name(paths[0])
     alone = len(paths) == 1 and not given
@@ -68,21 +55,21 @@ def find_recordings(
         raise BadInputError(f"{path} has no recording {options.recording}", hint=f"it has {', '.join(named)}")
     if named and options.recording is None:
         each = [replace(options, recording=recording) for recording in named]
-        found = [find_recordings(paths, one, states_times=states_times)[0][0] for one in each]
+        found = [find_recordings(paths, one)[0][0] for one in each]
         takes = [replace(layout, take=take) for layout, take in zip(found, named, strict=True)]
         said = f"{path} has {count(len(named), 'recording')}, a session each: {', '.join(named)}"
         return takes, [said] * (len(named) > 1)
     layout = recognize_recording(path, png=options.png, recording=options.recording) if alone else None
-    if layout is not None and (layout.record is None or not states_times):
+    if layout is not None and (layout.record is None or not options.states_times):
         return [replace(layout, notes=(f"{layout.path} is of {layout.program}", *layout.notes))], []
     arbitrary = layout is None and alone and path.is_dir()
     if arbitrary and not any(one.is_dir() and camera_importer(one) for one in (path, *path.iterdir())):
-        return _find_takes(path, options, states_times)
+        return _find_takes(path, options)
     sources = open_sources(paths, png=options.png, recording=options.recording)
     return [Layout(path=path, sources=tuple(sources))], []
 
 
-def _find_takes(folder: Path, options: FindOptions, states_times: bool) -> tuple[list[Layout], list[str]]:
+def _find_takes(folder: Path, options: ImportOptions) -> tuple[list[Layout], list[str]]:
     """Return the takes in an arbitrary folder, otherwise its cameras; and lines about them."""
     shoots, notes = find_shoots(folder)
     for take, clips in shoots:
@@ -104,7 +91,7 @@ def _find_takes(folder: Path, options: FindOptions, states_times: bool) -> tuple
     beside, used = find_calibration(folder)
     found = []
     for take, sources in opened.items():
-        tables, said = ((), []) if states_times else find_tables(sources, folder)
+        tables, said = ((), []) if options.states_times else find_tables(sources, folder)
         notes += said
         for source in sources:
             # Of a folder that cameras share, the rest is not theirs.

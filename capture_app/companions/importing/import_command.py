@@ -160,7 +160,8 @@ def import_command(
     Recordings of the programs below are recognized, with their times and calibration. An export of `sessions
     export` becomes the original session. The verdict and the next command are printed at the end.
     """
-    from capture_app.companions.importing.recording import ImportOptions, import_found
+    from capture_app.companions.importing.import_options import ImportOptions
+    from capture_app.companions.importing.recording import import_found
     from capture_app.session.importing.importer import split_name
 
     restrict_file_access()

@@ -4,7 +4,6 @@ An export of one of our sessions retains that session's records.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from functools import partial
 from itertools import groupby
 from operator import itemgetter
@@ -16,13 +15,14 @@ from capture_app.common.camera_facts import CameraFacts, PhaseControl, Timestamp
 from capture_app.common.errors import BadInputError
 from capture_app.common.names import check_label, folder_names, label_of
 from capture_app.common.text import Progress, Talk, count
-from capture_app.companions.importing.aligning import AlignmentOptions, align_times, split_views
-from capture_app.companions.importing.found import FindOptions, describe_equal, find_recordings
-from capture_app.companions.importing.times.rules import TimeOptions, make_times
+from capture_app.companions.importing.aligning import align_times, split_views
+from capture_app.companions.importing.found import describe_equal, find_recordings
+from capture_app.companions.importing.import_options import ImportOptions
+from capture_app.companions.importing.times.rules import make_times
 from capture_app.session.files.output_folder import OutputFolder, replaces_nothing
 from capture_app.session.format.common_times import CommonTimes
 from capture_app.session.format.manifest import BurstRecord, CameraRecord, Manifest
-from capture_app.session.importing.calibrations import ViewOptions, choose_calibration
+from capture_app.session.importing.calibrations import choose_calibration
 from capture_app.session.importing.frame_matching import Instant, Timeline
 from capture_app.session.importing.realigning import missing_images
 from capture_app.session.importing.recording_sources import Layout, Source, holds_two_views, labels_of
@@ -30,20 +30,7 @@ from capture_app.session.reading.reader import Session
 from capture_app.session.writing.session_writer import SessionWriter
 
 IMPORTED = "imported"
-SYNCED_TOGETHER = 64
-"""Number of images that are made safe by one sync: the source still has them."""
 _replaces_nothing = partial(replaces_nothing, option="--name")
-
-
-@dataclass(frozen=True, kw_only=True)
-class ImportOptions(FindOptions, TimeOptions, AlignmentOptions, ViewOptions):
-    """All options of an import: of each stage, and which instants are written."""
-
-    start: int = 0
-    """First instant to import, counted from 0."""
-    count: int | None = None
-    every: int = 1
-    note: str = ""
 
 
 def import_found(
@@ -60,7 +47,7 @@ def import_found(
     input; then no session remains of it.
     """
     name = check_label(name, "session")
-    found, notes = find_recordings(paths, options, states_times=options.states_times)
+    found, notes = find_recordings(paths, options)
     _say(notes, talk)
     labels = [label_of(f"{name}-{one.take}" if one.take and len(found) > 1 else name) for one in found]
     folders = folder_names(labels, "session", "recording")
@@ -88,7 +75,9 @@ def _import(
         talk("each picture may hold two views of one instant: if so, import again with --split side-by-side")
     instants, sources = _chosen(aligned.timeline, options), aligned.sources
     names = labels_of(sources)
-    calibration, notes = choose_calibration(found, names, lambda: _sizes(sources, instants), options)
+    calibration, notes = choose_calibration(
+        found, names, lambda: _sizes(sources, instants), options.calibration, options.unit, options.fit
+    )
     _say(notes, talk)
     # Times other than its own would contradict the rest of an exported session's record.
     own = found.record is not None and times.timeline is found.timeline
@@ -250,7 +239,8 @@ def _write_images(
                 )
             done += 1
             progress(done, total)
-            if done % SYNCED_TOGETHER == 0:
+            # The source still has the images that are not safe yet.
+            if done % 64 == 0:
                 writer.sync()
         if source.name not in sizes:
             raise BadInputError(

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 from capture_app.common import system
 from capture_app.common.address import ANY_HOST
 from capture_app.companions.monitor import DEFAULT_PORT
-from capture_app.protocol.orders import PhoneInvited
 from capture_app.rig.rig_link import RigLink
 from capture_app.tui.rig.guide_screens import BROWSER_STEP, GuideScreen, show_codes
 
@@ -36,10 +35,7 @@ class MonitorGuide:
 
     async def show(self, screen: GuideScreen) -> None:
         """Show the code for the next device."""
-        await show_codes(self._invite, STEPS, screen)
-
-    async def _invite(self) -> PhoneInvited:
-        return await self._page.invitation()
+        await show_codes(lambda: self._page.invitation(), STEPS, screen)
 
     @cached_property
     def _page(self) -> "ListeningPage":

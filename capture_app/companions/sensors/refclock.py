@@ -22,8 +22,6 @@ SOCK_SAMPLE = struct.Struct("@lld4i")
 """tv_sec, tv_usec, offset, pulse, leap, _pad, magic."""
 SOCK_MAGIC = 0x534F434B
 SAMPLE_EVERY_S = 1.0
-AGAIN_S = 2.0
-"""Time until a lost leader is asked again."""
 
 
 def sock_sample(now: LeaderTime, system_ns: int) -> bytes:
@@ -61,7 +59,8 @@ async def feed_chrony(leader: Address, path: Path, every_s: float = SAMPLE_EVERY
             except NetworkError:
                 if is_first:
                     raise
-                await asyncio.sleep(AGAIN_S)
+                # A lost leader is asked again.
+                await asyncio.sleep(2.0)
 
 
 def _send(sock: socket.socket, path: Path, now: LeaderTime) -> None:

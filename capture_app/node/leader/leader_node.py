@@ -22,8 +22,6 @@ from capture_app.sync.rig.rig_config import RequestedConfig
 from capture_app.trust.known_machines import CameraNames
 from capture_app.trust.sealed_engines import SealedLeader
 
-UNUSED_LOOK_S = 10.0
-
 
 class LeaderNode(PortEndpoint):
     """A running leader: `async with await LeaderNode.start(options)` serves until the block ends."""
@@ -109,7 +107,7 @@ class LeaderNode(PortEndpoint):
     async def wait_until_unused(self) -> None:
         """Return when no camera has joined, and nobody has looked at the rig for half an hour."""
         while True:
-            await asyncio.sleep(UNUSED_LOOK_S)
+            await asyncio.sleep(10.0)
             if self._rig.is_unused:
                 return
 

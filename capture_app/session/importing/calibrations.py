@@ -1,7 +1,6 @@
 """Calibrations of other programs, read by their importers and converted to this project's convention."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
@@ -33,16 +32,6 @@ scale   they are the calibrated ones, scaled separately along each axis
 """
 SAME_ASPECT = 1e-3
 """Relative difference of the scales along both axes from which images are stretched."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class ViewOptions:
-    """The calibration that is given, and how images relate to it."""
-
-    calibration: Sequence[str] = field(default_factory=tuple)
-    """PATH or NAME=PATH, see `read_views`."""
-    unit: str | None = None
-    fit: Fit = "exact"
 
 
 def read_views(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) -> Views:
@@ -217,28 +206,30 @@ def choose_calibration(
     layout: Layout,
     labels: Mapping[str, str],
     sizes: Callable[[], Mapping[str, tuple[int, int]]],
-    options: ViewOptions,
+    given: Sequence[str] = (),
+    unit: str | None = None,
+    fit: Fit = "exact",
 ) -> tuple[Calibration | None, list[str]]:
     """Return the calibration for images of these sizes, and notes about it.
 
-    It is the user's, otherwise the program's, the export's, or one beside that fits. `labels` is what their
-    owner calls the cameras, by name. Raises BadInputError if it does not fit; one that is only beside it is
-    then reported and not used.
+    It is the user's (`given`), otherwise the program's, the export's, or one beside that fits. `labels` is
+    what their owner calls the cameras, by name. Raises BadInputError if it does not fit; one that is only
+    beside it is then reported and not used.
     """
     notes: list[str] = []
     cameras = [*labels]
-    unit, views = options.unit or layout.unit, layout.views
-    if options.calibration:
-        unit, views = options.unit, read_views([split_name(text) for text in options.calibration], cameras)
+    own_unit, views = unit or layout.unit, layout.views
+    if given:
+        own_unit, views = unit, read_views([split_name(text) for text in given], cameras)
     elif layout.calibration is not None:
         views = read_views([("", layout.calibration)], cameras)
     if views is not None:
-        return fit_calibration(views, sizes(), labels, unit=unit, fit=options.fit, talk=notes.append), notes
+        return fit_calibration(views, sizes(), labels, unit=own_unit, fit=fit, talk=notes.append), notes
     if layout.record is not None or layout.beside is None:
         return _exported(layout.record, sizes()) if layout.record else None, notes
     try:
         views = read_views([("", layout.beside)], cameras)
-        calibration = fit_calibration(views, sizes(), labels, unit=unit, fit=options.fit, talk=notes.append)
+        calibration = fit_calibration(views, sizes(), labels, unit=own_unit, fit=fit, talk=notes.append)
     except BadInputError as error:
         return None, [f"calibration: {layout.beside} is not taken: {error}"]
     return calibration, [f"calibration: {layout.beside}", *notes]

@@ -46,8 +46,6 @@ LONG_SIDE_PX = 512
 SMALLER_PX, MANY_CAMERAS = 384, 8
 """Size for more than this number of cameras, so that a report stays at a few megabytes."""
 QUALITY = 82
-MAX_CANDIDATES = 6
-"""Number of candidate instants, of which the one with the most motion is chosen."""
 MIN_MOVING_PX = 40
 """Minimum number of moving pixels in an image that locate the subject."""
 
@@ -303,7 +301,7 @@ def _choose_instant(
     best = max(ranks.values())
     if min(best[:2]) < 2:
         return None
-    likely = evenly_spaced([k for k, rank in ranks.items() if rank == best], MAX_CANDIDATES)
+    likely = evenly_spaced([k for k, rank in ranks.items() if rank == best], 6)
     instant = max(likely, key=lambda k: sum(int(motion.detected_moving(n, k).sum()) for n in frames[k]))
     return instant, frames[instant]
 

@@ -41,11 +41,7 @@ MIN_ANGLE_DEG = 0.5
 NO_LIMIT = 1e9
 MAX_CAMERAS = 5
 """More cameras find more points, but say no more about timing."""
-MAX_PICTURES = 24
-"""Approximate number of images whose features are matched."""
 INSTANT_LIMITS = (3, 8)
-CONTROL_MARGIN_PX = 4
-"""Distance from a moving object below which points are left out of the control."""
 PURPOSE = "triangulating points"
 
 
@@ -250,7 +246,8 @@ class TriangulationStudy(Score):
     def _instants(self, condition: Condition) -> list[ShownInstant]:
         """Return instants with motion at which most cameras have all their images."""
         complete = complete_instants(self.dataset, condition, self.cameras[0], self.cameras, min_cameras=2)
-        limit = int(np.clip(MAX_PICTURES // (2 * len(complete[0].shown) - 1), *INSTANT_LIMITS))
+        # Features of about 24 images are matched.
+        limit = int(np.clip(24 // (2 * len(complete[0].shown) - 1), *INSTANT_LIMITS))
         limit = min(limit, self.context.max_instants)
         first = list(complete[0].shown)[:2]
         by_instant = {moment.instant: moment for moment in complete if moment.shown.keys() >= set(first)}
@@ -290,7 +287,7 @@ class TriangulationStudy(Score):
             anything |= bool(moves.any())
             moving[mine] = moves[rows, columns]
             changing = [self.motion.changing(camera, shown[camera]) for shown in one.by_condition.values()]
-            hidden[mine] = dilate(np.logical_or.reduce(changing), CONTROL_MARGIN_PX)[rows, columns]
+            hidden[mine] = dilate(np.logical_or.reduce(changing), 4)[rows, columns]
             truth = self.dataset.ground_truth(camera, instant) if self.scene.unit == "m" else None
             if truth is not None:
                 _, depth = _depth_at(self.scene.views[camera], found, place)

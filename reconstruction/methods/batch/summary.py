@@ -29,9 +29,6 @@ from reconstruction.scene.conditions import SYNCED, evenly_spaced
 FIGURES = (
     "coverage", "within_2pct", "mover_within_2pct", "static_within_2pct", "median_error_pct", "fused_points",
 )  # fmt: skip
-THUMBNAIL_PX = 160
-MAX_COLUMNS = 12
-"""Maximum number of instants on a sheet, evenly spaced; more do not fit a page."""
 MAX_SHEETS = 20
 """Maximum number of sessions with pictures on a page; the tables list all sessions."""
 CSV, JSON, HTML = "summary.csv", "summary.json", "summary.html"
@@ -180,7 +177,8 @@ def depth_sheets(root: Path, rows: Sequence[UnitRow]) -> list[dict[str, Any]]:
             pictured.setdefault(row.session, {})[row.condition, row.instant] = row.picture
     sheets = []
     for session, pictures in islice(pictured.items(), MAX_SHEETS):
-        instants = evenly_spaced(sorted({instant for _, instant in pictures}), MAX_COLUMNS)
+        # More do not fit a page.
+        instants = evenly_spaced(sorted({instant for _, instant in pictures}), 12)
         shown = [
             (condition, [_thumbnail(root, pictures.get((condition, instant), "")) for instant in instants])
             for condition in dict.fromkeys(condition for condition, _ in pictures)
@@ -195,7 +193,7 @@ def _thumbnail(root: Path, path: str) -> dict[str, object] | None:
     None also if the picture was deleted or damaged since: the figures remain valid.
     """
     with suppress(BadInputError):
-        return {"path": path, **embed_image(root / path, max_px=THUMBNAIL_PX)} if path else None
+        return {"path": path, **embed_image(root / path, max_px=160)} if path else None
     return None
 
 

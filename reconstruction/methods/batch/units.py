@@ -17,9 +17,6 @@ from capture_app.session.files.output_folder import OutputFolder, clear_leftover
 UNITS = "units"
 WORK = "work"
 RESULT = "unit.json"
-FREE_BYTES_BEFORE = 64 << 20
-FREE_BYTES_AFTER = 1 << 20
-"""Checked because native code leaves a truncated file on a full disk without an error."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -115,10 +112,11 @@ def _compute(task: str, unit: Unit, root: Path) -> bool:
         if is_done(unit, root):
             output.discard()
             return False
-        _require_free_bytes(root, FREE_BYTES_BEFORE)
+        _require_free_bytes(root, 64 << 20)
         module, _, function = task.partition(":")
         getattr(import_module(module), function)(unit, output.folder)
-        _require_free_bytes(root, FREE_BYTES_AFTER)
+        # Native code leaves a truncated file on a full disk without an error.
+        _require_free_bytes(root, 1 << 20)
     return True
 
 

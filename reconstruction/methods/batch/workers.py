@@ -44,8 +44,6 @@ MAX_QUEUED_JOBS = 100
 CONNECT_S, START_S = 5, 120
 """Timeout for a scheduler at an address, and for one that is started here, on a busy machine, too."""
 NO_DASHBOARD = "127.0.0.1:0"
-CHECK_S = 30
-"""Interval at which jobs that ended early are replaced, and a queue in which none starts is reported."""
 SETTINGS: Mapping[str, Any] = {"cores": 1, "memory": "2GB"}
 CONFIGURATION: Mapping[str, Any] = {
     # A worker's job may time out or run short of memory: a single death does not prove a crash.
@@ -205,7 +203,7 @@ class Workers:
         """Return the finished futures, at least one; meanwhile resubmit jobs that ended early."""
         while True:
             with suppress(TimeoutError):
-                return cast(set[Any], self.dask.wait(futures, CHECK_S, return_when="FIRST_COMPLETED").done)
+                return cast(set[Any], self.dask.wait(futures, 30, return_when="FIRST_COMPLETED").done)
             if cluster is not None:
                 cluster.scale(count)
             if not client.scheduler_info()["workers"]:

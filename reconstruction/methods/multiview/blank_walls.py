@@ -19,40 +19,16 @@ from reconstruction.depth.kernels import call_kernel, floats
 from reconstruction.depth.plane_sweep import PlaneSweep, Refinement, Surface
 from reconstruction.depth.sweep_kernels import WORST_COST, aggregate_costs, costs_along, fit_planes, warp
 
-MAX_WIDTH_PX = 160
-MAX_SCALE = 0.25
-"""Maximum scale of the small images; each pixel averages at least 16, which reduces noise."""
 WINDOW = 7
 """Side of the matching window in small images, px."""
-MIN_BLANK = 0.3
-"""Minimum blank fraction of a small image's pixel."""
-SAME_SHADE = 6.0
-"""Maximum difference of neighbours with the same shade, in standard deviations of the noise."""
-SEARCH_PX = 4
 MIDDLE = 128.0
+"""Grey level of the texture outside blank areas."""
 TOLERANCE = 0.006
 """Maximum relative depth error of points on a plane."""
 MIN_FRACTION = 0.004
 """Minimum fraction of an image that must be on a plane."""
-MAX_PLANES = 32
-TRIALS, JUDGES, FINALISTS = 240, 2000, 8
-"""Points whose own planes are candidates for the next plane, points that vote on these, and candidates that
-are fitted to all points before the choice. Without the fit, tiny grey-level changes alter the choice."""
-ROUNDS = 2.0, 1.5, 1.0, 1.0
-"""Tolerances of successive fits, in units of TOLERANCE; fitting to the nearest points alone keeps a tilt."""
-NORMAL_RADIUS_PX = 3
-CHANGE = 60
-"""Penalty of a change of plane between neighbours; 255 is the cost of zero correlation."""
-SAME_BRIGHTNESS, SAME_BRIGHTNESS_COST = 0.05, 0.005
-"""Relative distance to a plane with more points, and the cost (0 to 1) added within it: both match nearly
-equally well, and the other plane is more accurate."""
-MIN_VISIBLE = 0.02
-"""Minimum fraction of an image that a candidate plane must cover."""
-MIN_SOURCES = 2
-"""Minimum sources that must see a pixel, if there are enough: areas outside an image carry no evidence."""
 LIKE, LIKE_ON_AVERAGE = 0.3, 0.08
 """Minimum correlation of a wide window that counts as evidence, and its minimum mean over a plane's patch."""
-MIN_PATCH_PX = 12
 MIN_ADVANTAGE, MIN_SCATTER = 0.1, 0.06
 """Minimum mean advantage in correlation of a plane over a surface in front of it, and the scatter of relative
 depth above which that surface is noise. A smooth one that matches as well is an object, perhaps moving."""
@@ -61,8 +37,6 @@ EVIDENT_COST = 0.45
 """Matching cost that counts as evidence with the windows of the full-size image."""
 RIM_PX = 4
 """Distance by which windows of the full-size image extend an object's depth beyond its edge."""
-LIKE_SHADE = 2.0
-"""Maximum difference of a pixel from the shade of a blank region beside it, in noise deviations."""
 MIN_BLANK_FRACTION = 0.02
 """Minimum blank fraction of the images."""
 EVIDENT, EVIDENT_WIDE = 0.5, 0.8
@@ -92,7 +66,8 @@ def extract_blank_part(image: CalibratedImage) -> BlankPart:
     """Return the textureless part of an image, at a smaller size, with its faint shading as texture."""
     mask = image.flat
     view = image.view
-    scale = min(MAX_SCALE, MAX_WIDTH_PX / view.width)
+    # Each pixel averages at least 16, which reduces noise.
+    scale = min(0.25, 160 / view.width)
     small = resize_view(view, round(view.width * scale), round(view.height * scale))
     size = small.width, small.height
     weight = mask.astype(np.float32)
@@ -100,12 +75,11 @@ def extract_blank_part(image: CalibratedImage) -> BlankPart:
     shade = cv2.resize(weight * image.grey, size, interpolation=cv2.INTER_AREA) / np.maximum(
         blank_fraction, 1e-3
     )
-    there = blank_fraction > MIN_BLANK
+    there = blank_fraction > 0.3
     # The bilateral filter ignores values this far from every shade.
     outside = np.where(there, shade, np.float32(-1e4)).astype(np.float32)
-    around = cv2.bilateralFilter(
-        outside, 2 * SEARCH_PX + 1, SAME_SHADE * float(np.sqrt(image.noise)) / 3, 2 * SEARCH_PX
-    )
+    # Neighbours up to six standard deviations of the noise apart have the same shade.
+    around = cv2.bilateralFilter(outside, 9, 6.0 * float(np.sqrt(image.noise)) / 3, 8)
     texture = np.where(there, shade - around, 0) + np.float32(MIDDLE)
     noise = image.noise / (view.width * view.height / (small.width * small.height))
     return BlankPart(CalibratedImage(small, texture.astype(np.float32), WINDOW, noise), shade, there, mask)
@@ -135,7 +109,7 @@ def sample_surface(image: CalibratedImage, inverse_depth: Array, evident: Array)
     """
     typical = float(np.median(inverse_depth))
     known = np.where(evident, inverse_depth, np.float32(-1e6))
-    level, right, down = fit_planes(known, 3 * TOLERANCE * typical, radius=NORMAL_RADIUS_PX, rounds=3)
+    level, right, down = fit_planes(known, 3 * TOLERANCE * typical, radius=3, rounds=3)
     facing = image.surface_normals(level, right, down)
     rows, columns = np.nonzero(evident)
     depth = 1 / np.maximum(inverse_depth[rows, columns], 1e-9).astype(float)
@@ -148,7 +122,7 @@ def find_scene_planes(samples: Sequence[Array], min_points: int) -> list[ScenePl
     """Find planes that contain at least `min_points` of all surface points (9, n each), largest first."""
     left = np.ascontiguousarray(np.hstack(samples))
     planes: list[ScenePlane] = []
-    while len(planes) < MAX_PLANES and left.shape[1] >= min_points:
+    while len(planes) < 32 and left.shape[1] >= min_points:
         plane = _best_supported(left)
         if np.count_nonzero(plane.contains(left)) < min_points:
             break
@@ -160,20 +134,23 @@ def find_scene_planes(samples: Sequence[Array], min_points: int) -> list[ScenePl
 
 def _best_supported(points: Array) -> ScenePlane:
     """Return the plane with the most points, fitted to them."""
-    tried, judges = (points[:, :: max(1, points.shape[1] // n)] for n in (TRIALS, JUDGES))
+    # Points whose own planes are candidates for the next plane, and points that vote on these.
+    tried, judges = (points[:, :: max(1, points.shape[1] // n)] for n in (240, 2000))
     normals = tried[3:6].T
     distances = (tried[3:6] * tried[:3]).sum(0)
     support = np.count_nonzero(_near(normals, distances, judges, TOLERANCE), axis=1)
+    # Without the fit of some to all points, tiny grey-level changes alter the choice.
     planes = (
         _refined(ScenePlane(normals[k], float(distances[k])), points)
-        for k in np.argsort(-support, kind="stable")[:FINALISTS]
+        for k in np.argsort(-support, kind="stable")[:8]
     )
     return max(planes, key=lambda plane: np.count_nonzero(plane.contains(points)))
 
 
 def _refined(plane: ScenePlane, points: Array) -> ScenePlane:
     """Refine a plane by repeated least squares through the points on it."""
-    for factor in ROUNDS:
+    # Fitting to the nearest points alone keeps a tilt.
+    for factor in (2.0, 1.5, 1.0, 1.0):
         on = points.compress(plane.contains(points, factor * TOLERANCE), axis=1).astype(float)
         if on.shape[1] < 3:
             break
@@ -216,24 +193,26 @@ def choose_planes(
     for plane in planes:
         gradient = plane.inverse_depth_gradient(image.view)
         level = np.tensordot(gradient, image.rays, 1)
-        if np.mean(part.there & (level > low) & (level < high)) >= MIN_VISIBLE:
+        if np.mean(part.there & (level > low) & (level < high)) >= 0.02:
             gradients.append(gradient)
             levels.append(level)
     source_views = [SourceView(image, source) for source in sources]
     volume = np.empty((len(found), len(levels), found.shape[1]), np.uint8)
     repeated = np.zeros((len(levels), *found.shape), bool)
     stacked = floats(np.stack(levels))
-    call_kernel("repeats", len(levels), found.size, stacked, ctypes.c_float(SAME_BRIGHTNESS), repeated)
+    # Two planes within 5 % match nearly equally well; the one with more points is more accurate.
+    call_kernel("repeats", len(levels), found.size, stacked, ctypes.c_float(0.05), repeated)
     there = part.there
     for number, level in enumerate(levels):
         cost, seen = _cost_and_sight(np.clip(level, low, high), source_views)
         seen &= (level > low) & (level < high)
         if number == AS_FOUND:
             there = there & seen
-        cost = cost + np.float32(SAME_BRIGHTNESS_COST) * repeated[number]
+        cost = cost + np.float32(0.005) * repeated[number]
         cost = np.where(there, np.where(seen, np.minimum(cost, 1.0), 1.0), 0.5)
         np.multiply(cost, WORST_COST, out=volume[:, number, :], casting="unsafe")
-    number = aggregate_costs(volume, part.shade, CHANGE, CHANGE).argmin(1)
+    # 255 is the cost of zero correlation.
+    number = aggregate_costs(volume, part.shade, 60, 60).argmin(1)
     number[~there] = AS_FOUND
     likeness = 1 - np.take_along_axis(volume, number[:, None], 1)[:, 0] / WORST_COST
     advantage = likeness - (1 - volume[:, AS_FOUND] / WORST_COST)
@@ -290,14 +269,15 @@ def _cost_and_sight(level: Array, source_views: Sequence[SourceView]) -> tuple[A
         for view, one in zip(source_views, warped, strict=True)
     ]
     costs = costs_along(shown, np.zeros_like(level)) / np.float32(WORST_COST)
-    return costs, np.asarray(seeing >= min(MIN_SOURCES, len(warped)))
+    # Areas outside an image carry no evidence.
+    return costs, np.asarray(seeing >= min(2, len(warped)))
 
 
 def evident_patches(number: Array, likeness: Array) -> Array:
     """Return patches of one plane (bool) with sufficient mean correlation; single windows are too noisy."""
     is_found = np.zeros(number.shape, bool)
     for mine, patches, count, (mean,) in _patches(number, 3, likeness):
-        is_found |= mine & ((mean > LIKE_ON_AVERAGE) & (count >= MIN_PATCH_PX))[patches]
+        is_found |= mine & ((mean > LIKE_ON_AVERAGE) & (count >= 12))[patches]
     return is_found
 
 
@@ -331,7 +311,8 @@ def _continue_to_edges(planes: tuple[Array, Array, Array], image: CalibratedImag
     window = 2 * RIM_PX + 1, 2 * RIM_PX + 1
     blank_fraction = cv2.blur(weight, window)
     shade = cv2.blur(weight * image.grey, window) / np.maximum(blank_fraction, 1e-6)
-    same_shade = np.abs(image.grey - shade) < LIKE_SHADE * float(np.sqrt(image.noise)) / 3
+    # At most two standard deviations of the noise off the shade of the blank region beside it.
+    same_shade = np.abs(image.grey - shade) < 2.0 * float(np.sqrt(image.noise)) / 3
     distance, nearest = cv2.distanceTransformWithLabels(
         (~mask).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
     )

@@ -31,9 +31,6 @@ HINT = (
     "python3 -m venv cuda && cuda/bin/pip install pycolmap-cuda12, then set "
     f"{ENVIRONMENT}=cuda/bin/python; or use --matcher sweep"
 )
-MAX_NORMAL_DEG = 30.0
-"""Maximum angle between the normals of maps' pixels that COLMAP fuses; its own 10 suits smoother normals."""
-STDERR = 2
 PROGRAM = """
 import sys, pycolmap
 pycolmap.logging.minloglevel = 2
@@ -93,7 +90,8 @@ def fuse_by_colmap(
     with tempfile.TemporaryDirectory(prefix="simulshot-") as scratch:
         folder = Path(scratch)
         write_workspace(folder, views, pictures, depth_views)
-        options = pycolmap.StereoFusionOptions(min_num_pixels=min_views, max_normal_error=MAX_NORMAL_DEG)
+        # COLMAP's own 10 degrees suit smoother normals.
+        options = pycolmap.StereoFusionOptions(min_num_pixels=min_views, max_normal_error=30.0)
         with foreign_calls("COLMAP", "fusing maps"):
             pycolmap.stereo_fusion(
                 folder / "fused.ply", folder, "COLMAP", "option-all", "geometric", options, output_type="ply"
@@ -221,7 +219,8 @@ def run_patch_match(gpu: CudaGpu, workspace: Path, depth_min: float, depth_max: 
     """
     name, python = gpu
     command = [str(python), "-c", PROGRAM, str(workspace), repr(depth_min), repr(depth_max)]
-    done = subprocess.run(command, stdout=STDERR, stderr=subprocess.PIPE, text=True)  # noqa: S603
+    # Its lines go to stderr, as stdout is for data.
+    done = subprocess.run(command, stdout=2, stderr=subprocess.PIPE, text=True)  # noqa: S603
     if done.returncode != 0:
         said = done.stderr.strip().splitlines()
         how = f"signal {-done.returncode}" if done.returncode < 0 else f"exit code {done.returncode}"

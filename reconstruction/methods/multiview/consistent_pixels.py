@@ -25,8 +25,6 @@ MAX_CARRY = 0.08
 """Maximum distance over which smoothness carries depth across a blank area, relative to the width."""
 MAX_RIM = 0.005
 """Maximum distance of valid depth beyond evidence, relative to the width: windows match badly at edges."""
-MIN_THIN_ISLAND_PX = 16
-"""Minimum size of an island of depth in a scene with thin things; elsewhere such islands mostly float."""
 SUPPORT_PX = 15
 """Side of the neighbourhood of a pixel that few views can see."""
 
@@ -52,7 +50,8 @@ def consistent_pixels(
     distance = cv2.distanceTransform((~evidence).astype(np.uint8), cv2.DIST_L2, 5) / evidence.shape[1]
     carried = (distance <= MAX_RIM) | _between(evidence, round(MAX_CARRY * evidence.shape[1]))
     carried |= ~blank & (distance < MAX_CARRY)
-    min_island_px = MIN_THIN_ISLAND_PX if has_thin else MIN_ISLAND_PX
+    # Without thin things, small islands of depth mostly float.
+    min_island_px = 16 if has_thin else MIN_ISLAND_PX
     return remove_speckles(agreed & carried, surface.inverse_depth, min_island_px)
 
 

@@ -22,8 +22,6 @@ MIN_DIFFERENCE = 0.03
 MAX_COST = 0.4
 """Maximum matching cost (0 to 1) of a pixel that moves; windows widen surfaces that match, and where nothing
 matches, edges are chance."""
-MAX_GREY_LEVELS = 20.0
-"""Maximum difference in brightness (of 255) that counts."""
 SIMILAR_COLOUR, SIMILAR_PX = 10.0, 6.0
 """Differences in colour (mean of three, of 255) and place at which a neighbour's weight falls to 1/e."""
 NEIGHBOURHOOD_PX = 8
@@ -34,8 +32,6 @@ FAR_PRIOR = 0.5
 """Preference for the farther side: windows widen near surfaces, and seldom far ones."""
 FEW = 0.05
 """Weight added to both sides, as one without neighbours is not impossible."""
-MIN_SOURCES = 2
-"""Number of best sources that count, as the others may not see the farther surface."""
 
 
 def _weights() -> Array:
@@ -97,5 +93,6 @@ def _differences(level: Array, pixels: Array, extended: Array, source_views: Seq
         seen, grey = seen.reshape(-1), grey.reshape(-1)
         factor, bias = match_brightness(seen, grey, np.flatnonzero(seen > 0))
         off = np.abs(factor * seen[pixels] + bias - grey[pixels])
-        edges.append(np.where(seen[pixels] > 0, np.minimum(off, MAX_GREY_LEVELS), MAX_GREY_LEVELS))
-    return np.asarray(np.sort(edges, axis=0)[:MIN_SOURCES].mean(0))
+        edges.append(np.where(seen[pixels] > 0, np.minimum(off, 20.0), 20.0))
+    # The others may not see the farther surface.
+    return np.asarray(np.sort(edges, axis=0)[:2].mean(0))

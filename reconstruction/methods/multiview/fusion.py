@@ -10,10 +10,6 @@ from reconstruction.common.geometry import Array, View
 from reconstruction.depth.kernels import call_kernel, floats
 from reconstruction.methods.multiview.sweep_matcher import ViewDepth
 
-MIN_VIEWS = 3
-"""Minimum maps that contain a point, or all maps if there are fewer; limits as in COLMAP's fusion."""
-MIN_NORMAL_COSINE = float(np.cos(np.radians(30)))
-MAX_DEPTH_ERROR = 0.01
 SLACK = 0.005
 """Maximum relative depth difference of the same surface."""
 BEHIND = -0.3
@@ -77,7 +73,8 @@ def fuse_maps(
         for name, view in views.items()
         if name in depth_views
     ]
-    fused, shown = fuse_posed_maps(maps, max(1, min(MIN_VIEWS, group)), MAX_DEPTH_ERROR, MIN_NORMAL_COSINE)
+    # Limits as in COLMAP's fusion.
+    fused, shown = fuse_posed_maps(maps, max(1, min(3, group)), 0.01, float(np.cos(np.radians(30))))
     seen = np.zeros((len(fused), len(views)), bool)
     seen[:, [name in depth_views for name in views]] = shown
     points, normals, colours = np.split(fused, 3, axis=1)

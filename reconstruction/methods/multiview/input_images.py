@@ -17,17 +17,10 @@ from reconstruction.scene.moving_pixels import SceneMotion, dilate
 from reconstruction.scene.pairs import detect_features
 from reconstruction.scene.scene import Scene
 
-CACHED_IMAGES = 32
 EDGE_PX = 2
 """Distance from pixels outside the original image within which nothing is matched."""
-CHECKED = 960, 800
-"""Longer side (px) and number of points of an image by which a calibration is checked."""
 MIN_CONTRAST = 2.0
 """Standard deviation of grey levels (of 255) below which an image is empty."""
-MAP_BYTES_PER_PIXEL = 60
-"""Memory per pixel of every camera: its image, rays, surface, depth and normals."""
-SWEEP_BYTES_PER_PIXEL = 300
-"""Memory per pixel of an image in a worker: sources, voters and intermediate results."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,9 +93,10 @@ def prepare_images(scene: Scene, width_px: int | None = None) -> "InputImages":
     if width_px is not None:
         return InputImages(scene, width_px)
     workers = max_workers()
+    # Each camera's image, rays, surface, depth and normals; a worker's sources, voters and what is between.
     fitted = scene.fitted(
         images=cameras,
-        bytes_per_pixel=MAP_BYTES_PER_PIXEL + workers * SWEEP_BYTES_PER_PIXEL / cameras,
+        bytes_per_pixel=60 + workers * 300 / cameras,
         fixed_bytes=min(workers * SWEEP_BYTES, 0.4 * memory_budget().limit_bytes),
         fraction=0.9,
     )
@@ -115,9 +109,11 @@ def check_images(images: Mapping[str, InputImage]) -> CalibrationCheck:
     features = {}
     for camera, image in images.items():
         moving = image.calibrated.moving
+        # By 800 points of images up to 960 px.
         features[camera] = detect_features(
             cv2.cvtColor(image.colours, cv2.COLOR_BGR2GRAY),
-            *CHECKED,
+            960,
+            800,
             allowed=None if moving is None else ~moving,
         )
     return check_rig(views, features)
@@ -150,7 +146,7 @@ class InputImages:
         """The views of undistorted images."""
         self._image = self._load
         if width_px is not None:
-            self._image = scene.once(("images", width_px), lambda: computed_once(self._load, CACHED_IMAGES))
+            self._image = scene.once(("images", width_px), lambda: computed_once(self._load, 32))
 
     def usable(self, shown: Mapping[str, int]) -> tuple[dict[str, InputImage], dict[str, str]]:
         """Return the images that can be matched, of each camera's instant, and reasons for the others.

@@ -15,9 +15,6 @@ from reconstruction.methods.multiview.fusion import FusedCloud, median_of_known
 from reconstruction.methods.multiview.instant_maps import InstantMaps
 from reconstruction.methods.multiview.sweep_matcher import ViewDepth
 
-CONFIRMING_VIEWS = 2
-"""Number of other views that must find a depth for it to be called consistent."""
-
 
 class InstantDepth(NamedTuple):
     """Depth and normals (float16) of all cameras at an instant, and the cloud fused from all."""
@@ -46,7 +43,7 @@ def confirm(
     source_views = [SourceView(images[reference], images[other]) for other in others]
     voters = zip(source_views, (surfaces[other] for other in others), strict=True)
     votes = count_coinciding_views(own, voters)
-    confirmed = (own.inverse_depth > 0) & (votes >= min(CONFIRMING_VIEWS, len(others)))
+    confirmed = (own.inverse_depth > 0) & (votes >= min(2, len(others)))
     return confirmed, _difference(own.inverse_depth, source_views)
 
 

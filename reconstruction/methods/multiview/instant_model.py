@@ -54,8 +54,6 @@ from reconstruction.scene.scene import Scene
 
 FIGURES = ("coverage", "expected_within_2pct", *DepthShares.__struct_fields__)
 """Results of the reference view that represent its instant."""
-PAIR_PX = 320
-"""Width of the picture of two cameras' depth (`PAIR_DEPTH`), which is there while all are matched."""
 
 
 class MadeMultiview(Made[MultiviewResult]):
@@ -200,7 +198,7 @@ def _show_pair(
     early: OutputFolder, first: CalibratedImage, second: CalibratedImage, depth_range: tuple[float, float]
 ) -> None:
     """Draw two cameras' depth at a small size as `PAIR_DEPTH`, and show it in the target."""
-    reference, other = (image.scaled(PAIR_PX / image.view.width) for image in (first, second))
+    reference, other = (image.scaled(320 / image.view.width) for image in (first, second))
     surface = PlaneSweep().sweep(reference, [other], depth_range)
     depth = surface.depth_where(surface.cost < MAX_COST)
     drawn = early.folder / PAIR_DEPTH

@@ -21,11 +21,8 @@ TOLERANCE_M = 0.01
 """Distance within which a point is right, and a true surface is found."""
 MAX_SAMPLED = 20_000
 """Size of the random sample of larger point sets."""
-MAX_WIDTH_PX = 960
 VISIBLE_FRACTION = 0.01
 """Relative depth error below which a view sees a point, i.e. it is not occluded."""
-CONTROL_MARGIN_PX = 4
-"""Distance from a moving object below which pixels are left out of the control."""
 
 
 def count_near(points: Array, asked: Array) -> tuple[int, int]:
@@ -75,7 +72,7 @@ def true_surfaces(
     """
     parts: dict[str, list[Array]] = {"mover": [], "static": []}
     for name, view in views.items():
-        step = max(1, round(view.width / MAX_WIDTH_PX))
+        step = max(1, round(view.width / 960))
         rows, columns = (axis[::step, ::step].ravel() for axis in np.mgrid[0 : view.height, 0 : view.width])
         z, moving = depth[name][rows, columns], moving_masks[name][rows, columns]
         points = surface_points(view, rows, columns, z)
@@ -228,7 +225,7 @@ class InstantScorer:
     def _still_control(self, instant: int, hidden: Mapping[str, Array]) -> Array:
         session = self.undistorted
         changing = session.undistort_mask(self.reference, session.motion.changing(self.reference, instant))
-        here = dilate(changing, CONTROL_MARGIN_PX)
+        here = dilate(changing, 4)
         if not (self._still > 0).any():
             return ~here
         view = self.undistorted.plain_views[self.reference]

@@ -18,10 +18,7 @@ from reconstruction.methods.multiview.fusion import SLACK, FusedCloud, find_deni
 from reconstruction.methods.multiview.sweep_matcher import ViewDepth
 
 NEIGHBOURS = 16
-SAME_SURFACE = 0.015
-"""Maximum relative difference of depths that two views measured of one surface."""
-CONFIRMED = 2
-"""Number of other maps of its surface from which a point is kept, whatever further views measured."""
+"""Number of neighbours by which a point is judged an outlier."""
 MAX_JUMP = 0.006
 """Maximum relative difference of depths in a triangle, unless its corners are in one plane.
 
@@ -31,10 +28,7 @@ is larger across an edge of depth, but not on a surface that is seen at a grazin
 MAX_WIDTH_PX = 960
 """Width of the grid of triangles in wider maps."""
 MAX_SHOWN_POINTS = 150_000
-TURNS_DEG = (-50, -30, -10, 10, 30, 50)
-ALL_ROUND_DEG = (0, 60, 120, 180, 240, 300)
-AROUND = 0.6
-"""Maximum length of the mean unit vector towards the cameras if they surround the scene."""
+"""Maximum number of points of a picture."""
 FRAME_PX, WIDE_DEG, GROUND_GREY = (480, 360), 65.0, 32
 
 
@@ -127,7 +121,8 @@ def join_maps(
         normals = found.normals[pixels] @ view.rotation
         denied = find_denied(points, normals, views, depth_views)
         # Maps that measured this surface with a larger error would deny it.
-        denied &= np.count_nonzero(ratios, axis=0) < CONFIRMED
+        # Two other maps of its surface keep a point, whatever further views measured.
+        denied &= np.count_nonzero(ratios, axis=0) < 2
         # A point moved by more than SLACK would contradict its own map.
         ratios = [np.where(np.abs(ratio - 1) < SLACK, ratio, 0) for ratio in ratios]
         mean = (1 + np.sum(ratios, axis=0)) / (1 + np.count_nonzero(ratios, axis=0))
@@ -184,7 +179,8 @@ def _compare(points: Array, view: View, found: ViewDepth) -> tuple[Array, Array]
     """
     at, z, inside = project_points(view, points)
     ratio = found.depth.take(at) / np.where(inside, z, 1)
-    return at, np.where(inside & (np.abs(ratio - 1) < SAME_SURFACE), ratio, 0)
+    # Two views' depths of one surface differ by less.
+    return at, np.where(inside & (np.abs(ratio - 1) < 0.015), ratio, 0)
 
 
 def draw_clouds(clouds: Mapping[str, tuple[Array, Array]], views: Sequence[View]) -> dict[str, Array]:
@@ -228,10 +224,11 @@ def _places_around(middle: Array, views: Sequence[View]) -> tuple[list[Array], A
     offsets = np.array([view.centre for view in views]) - middle
     distance = np.linalg.norm(offsets, axis=1, keepdims=True)
     towards = np.mean(offsets / np.maximum(distance, 1e-9), axis=0)
-    angles_deg = TURNS_DEG
-    if np.linalg.norm(towards) < AROUND:
+    angles_deg = (-50, -30, -10, 10, 30, 50)
+    # A short mean of the unit vectors towards the cameras: they surround the scene.
+    if np.linalg.norm(towards) < 0.6:
         # The cameras' mean position is within the scene: start at one of them.
-        towards, angles_deg = offsets[0], ALL_ROUND_DEG
+        towards, angles_deg = offsets[0], (0, 60, 120, 180, 240, 300)
     start = towards / np.linalg.norm(towards) * 1.15 * float(np.median(distance))
     up = up_direction([view.rotation for view in views])
     return [middle + cv2.Rodrigues(up * np.radians(angle_deg))[0] @ start for angle_deg in angles_deg], up

@@ -44,12 +44,11 @@ from reconstruction.scene.instant_choice import (
 MIN_POINTS = 500
 """Minimum points of a synchronized cloud worth showing."""
 MIN_CAMERAS = 3
+"""Minimum number of cameras of a cloud that is compared."""
 MAX_CAMERAS = 5
 """More cameras improve the cloud but say no more about timing; each takes as long as the first."""
 AT_A_TIME = 2
 """Number of conditions whose depth is computed at a time, and of instants that are scored."""
-MAX_TRIES = 4
-"""Number of instants tried until every camera has a usable image."""
 
 
 def _require_cameras(cameras: Collection[str], left_out: Mapping[str, str]) -> None:
@@ -187,7 +186,7 @@ class MultiviewStudy(Score):
         """
         shots, names, instants = self.shots, self.dataset.cameras, range(len(self.dataset.instants_ns))
         counts = {k: sum(self.dataset.has_image(c, k) for c in names) for k in instants}
-        complete = sorted(instants, key=lambda k: (-counts[k], abs(k - middle)))[:MAX_TRIES]
+        complete = sorted(instants, key=lambda k: (-counts[k], abs(k - middle)))[:4]
         best = max(complete, key=lambda k: sum(not shots.problem(c, k) for c in names))
         left_out = {c: problem for c in names if (problem := shots.problem(c, best))}
         images = {c: shots.image(c, best).calibrated for c in names if c not in left_out}

@@ -23,9 +23,8 @@ from reconstruction.scene.scene import Scene
 
 MAX_OFF_PX = 12.0
 """Reprojection error beyond which a track is a wrong match, or the calibration another rig's."""
-LOSS_PX = 0.5
-"""Error from which a point's weight falls (Cauchy)."""
 MIN_POINTS_PER_CAMERA = 30
+"""Minimum number of points at rest that a camera must see."""
 
 
 def refine_calibration(scene: Scene) -> Scene:
@@ -79,7 +78,7 @@ def refine_views(views: Mapping[str, View], features: Mapping[str, Features]) ->
         config.fix_gauge(pycolmap.BundleAdjustmentGauge.TWO_CAMS_FROM_WORLD)
         options = pycolmap.BundleAdjustmentOptions(print_summary=False)
         options.ceres.loss_function_type = pycolmap.LossFunctionType.CAUCHY
-        options.ceres.loss_function_scale = LOSS_PX
+        options.ceres.loss_function_scale = 0.5
         pycolmap.create_default_ceres_bundle_adjuster(options, config, model).solve()
         poses = {image.name: image.cam_from_world().matrix() for image in model.images.values()}
     refined = {

@@ -13,16 +13,8 @@ from reconstruction.depth.rough_scene import RoughScene
 from reconstruction.depth.sweep_kernels import warp
 from reconstruction.methods.multiview.blank_walls import ScenePlane
 
-CHANGED_GREY, CHANGED_WINDOW = 8.0, 5
-"""Minimum difference of a window's mean grey level that counts as a change since its depth was found.
-
-The second number is the window's side, px."""
 WIDER_PX = 6
 """Margin around changes, where windows include part of them."""
-MARGIN_PX = 12
-"""Margin of a box around its changes, for windows and paths to start in."""
-MAX_NEW = 0.6
-"""Changed fraction of the images above which everything is swept again: light or a camera has changed."""
 
 Box = tuple[slice, slice]
 WHOLE: Box = (slice(None), slice(None))
@@ -48,9 +40,11 @@ class StillScene:
         before, self._cameras, self._new = self._cameras, set(images), {}
         for name, known in self._pictures.items() if before == self._cameras else ():
             moved, grey = known == OUTSIDE, images[name].grey
-            off = np.abs(box_filter(np.where(moved, 0, grey - known), CHANGED_WINDOW)) > CHANGED_GREY
+            # A window of 5 px has changed since its depth was found.
+            off = np.abs(box_filter(np.where(moved, 0, grey - known), 5)) > 8.0
             self._new[name] = _wider(off, WIDER_PX) | moved | _moving(images[name])
-        if not self._new or np.mean([new.mean() for new in self._new.values()]) > MAX_NEW:
+        # Light or a camera has changed.
+        if not self._new or np.mean([new.mean() for new in self._new.values()]) > 0.6:
             self.scene, self.planes, self._new, self._pictures = None, None, {}, {}
 
     def new(self, name: str, image: CalibratedImage) -> Array:
@@ -91,7 +85,8 @@ def _wider(mask: Array, radius_px: int) -> Array:
 
 def boxes_around(new: Array) -> list[tuple[Box, Array]]:
     """Return boxes that cover a mask (bool) with a margin, and the part of the mask in each (bool)."""
-    _, parts, boxes, _ = cv2.connectedComponentsWithStats(_wider(new, MARGIN_PX).astype(np.uint8))
+    # Windows and paths start in the margin.
+    _, parts, boxes, _ = cv2.connectedComponentsWithStats(_wider(new, 12).astype(np.uint8))
     # The first component is the outside.
     return [
         ((slice(top, top + height), slice(left, left + width)), new & (parts == part))

@@ -27,13 +27,8 @@ from reconstruction.methods.multiview.consistent_pixels import consistent_pixels
 from reconstruction.methods.multiview.edge_sharpening import sharpen_edges
 from reconstruction.methods.multiview.still_scene import WHOLE, StillScene, boxes_around, renewed
 
-MAX_VOTERS = 8
-"""Maximum number of other views that vote: the sources first, then the sources' sources."""
-NORMAL_TOLERANCE = 0.03
-"""Maximum distance of neighbours from a common plane, relative to the median inverse depth."""
-CELLS_FRACTION = 0.4
-"""Maximum fraction of the memory budget for the matching costs of one sweep."""
 BYTES_PER_CELL = 5
+"""Memory of a cell of the matching costs."""
 
 
 def propose_inverse_depth(others: Iterable[tuple[SourceView, Array]], shape: tuple[int, int]) -> Array:
@@ -88,7 +83,7 @@ def match_all_views(
     paired = [name for name in names if [name] == [o for other in sources[name] for o in sources[other]]]
     budget = memory_budget()
     # The number of workers must not count: depth would depend on the number of cores.
-    cells = min(PlaneSweep.max_cells, int(CELLS_FRACTION * budget.limit_bytes / BYTES_PER_CELL))
+    cells = min(PlaneSweep.max_cells, int(0.4 * budget.limit_bytes / BYTES_PER_CELL))
     sweep = PlaneSweep(max_cells=cells, first_scale=0.5 if quick else 1.0)
 
     def match(name: str) -> Surface:
@@ -185,12 +180,14 @@ def voting_views(
     order = [name]
     for view in order:
         order += [other for other in sources[view] if other in surfaces and other not in order]
-    return order[1 : 1 + MAX_VOTERS]
+    # The sources first, then the sources' sources.
+    return order[1:9]
 
 
 def _view_normals(surface: Surface, image: CalibratedImage) -> Array:
     """Return normals, fitted over a wider neighbourhood than depth: slopes are more sensitive to noise."""
-    tolerance = NORMAL_TOLERANCE * float(np.median(surface.inverse_depth))
+    # Neighbours this near to a common plane show its normal.
+    tolerance = 0.03 * float(np.median(surface.inverse_depth))
     level, *slopes, _ = surface
     _, right, down = fit_planes(level, tolerance, slopes=np.stack(slopes), radius=3, stride=3)
     return image.surface_normals(level, right, down)

@@ -19,8 +19,6 @@ MAX_WIDENING = 2.0
 
 Box = tuple[int, int, int, int]
 """Left, top, right and bottom, px of the panorama; may start below zero."""
-SEAM_PIXELS = 0.1e6
-"""Layer size for the search of exposures and seams; both take minutes at full size."""
 
 
 @dataclass(frozen=True)
@@ -130,7 +128,8 @@ def _inside(at: Array, view: View) -> Array:
 
 def compose_layers(layers: Sequence[Layer], canvas: Box) -> Array:
     """Compose layers (BGR) into a panorama (BGR, uint8) of the canvas's size; uncovered pixels are black."""
-    scale = min(1.0, float(np.sqrt(SEAM_PIXELS / max(layer.seen.size for layer in layers))))
+    # Exposures and seams take minutes at full size.
+    scale = min(1.0, float(np.sqrt(0.1e6 / max(layer.seen.size for layer in layers))))
     small, full = [_shrink(layer, scale) for layer in layers], list(layers)
     # First one gain per image, then the remainder, such as vignetting, block by block.
     for compensator in (cv2.detail.GainCompensator(), cv2.detail.BlocksGainCompensator()):

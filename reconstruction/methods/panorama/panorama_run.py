@@ -24,8 +24,6 @@ from reconstruction.scene.scene import Scene
 SUFFIXES = {".jpg", ".jpeg", ".png", ".tif", ".tiff", ".bmp", ".webp"}
 
 REGISTRATION = "registration.json"
-CACHED_BYTES_PER_PIXEL = 12
-"""Memory per pixel of a session's image: both conditions with their motion masks, and the cache."""
 
 
 class ConditionPanorama(msgspec.Struct, frozen=True, kw_only=True):
@@ -199,7 +197,8 @@ def session_input(
         BadInputError: the session lacks this instant, or its images in the condition.
     """
     pair = scene.named_pair(pair)
-    scene = scene.fitted(images=len(scene.dataset.cameras), bytes_per_pixel=CACHED_BYTES_PER_PIXEL)
+    # Both conditions with their motion masks, and what is cached.
+    scene = scene.fitted(images=len(scene.dataset.cameras), bytes_per_pixel=12)
     dataset = scene.dataset
     asked = pair or dataset.cameras
     dataset.chosen_instants([instant, instant if register_at is None else register_at])

@@ -20,8 +20,6 @@ from reconstruction.scene.moving_pixels import dilate
 
 MIN_GREY_LEVELS = 12
 """Difference between the conditions below which it is noise."""
-STILL_MARGIN_PX = 12
-"""Margin within which a point's window overlaps a moving object."""
 MIN_POINTS, MIN_PIXELS = 5, 50
 """Minimum number of points and of pixels for a measure."""
 
@@ -110,7 +108,8 @@ class PanoramaStudy(Score):
             for k in (now, later)
             if self.dataset.has_image(name, k)
         ]
-        still = ~dilate(np.logical_or.reduce(changing), STILL_MARGIN_PX)
+        # A point's window overlaps a moving object this near.
+        still = ~dilate(np.logical_or.reduce(changing), 12)
         return _misalignment_of(overlap, moving, moving | other_moving, still)
 
     def _pictures(self, now: int, later: int, out: Path) -> tuple[Picture, ...]:

@@ -29,8 +29,6 @@ OUTLIER = 2.0
 """Outlier limit in medians of the residuals; outliers are also off by more than one pixel."""
 FOCAL_LIMITS = (0.25, 30.0)
 """Plausible focal lengths as multiples of the image's longer side; others are failed estimates."""
-HELD_FOCALS = (1.0, 4.0, 20.0)
-"""Trial focal lengths, in longer sides, if the estimate fails; purely shifted images look like telephoto."""
 GOOD_PX = 2.0
 """Residual below which no other focal length is tried."""
 UPRIGHT = 0.7
@@ -83,9 +81,10 @@ def estimate_cameras(
     turned = _adjust_by_rounds(views, used, calibrated)
     if not calibrated and (turned is None or _residual_px(turned, used) > GOOD_PX):
         longest = max(max(view.width, view.height) for view in views.values())
+        # In longer sides; purely shifted images look like long ones.
         trials = (
             {name: _plain_view(view.width, view.height, lengths * longest) for name, view in views.items()}
-            for lengths in HELD_FOCALS
+            for lengths in (1.0, 4.0, 20.0)
         )
         tried = [turned, *(_adjust_by_rounds(trial, used, True) for trial in trials)]
         turned = min(filter(None, tried), key=lambda one: _residual_px(one, used), default=None)

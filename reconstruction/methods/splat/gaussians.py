@@ -36,8 +36,6 @@ TILE = 8
 """Side, in cells of a backdrop, of a tile that becomes one Gaussian where it has one colour."""
 _SH = 0.28209479177387814
 """Value of the constant spherical harmonic."""
-_SPZ_COLOUR = 0.15
-"""Scale of a colour's spherical harmonic in SPZ."""
 _NUMBERS = 7
 _CHUNK = 1 << 14
 
@@ -288,7 +286,7 @@ def write_spz(path: Path, gaussians: Gaussians) -> None:
     turns = quaternions(gaussians.rotations)[:, 1:] * [1, -1, -1]
     parts = (
         255 * gaussians.opacities,
-        255 * (0.5 + _SPZ_COLOUR * (gaussians.colours[:, ::-1] - 0.5) / _SH),
+        255 * (0.5 + 0.15 * (gaussians.colours[:, ::-1] - 0.5) / _SH),
         16 * (np.log(gaussians.sizes) + 10),
         127.5 * (turns + 1),
     )

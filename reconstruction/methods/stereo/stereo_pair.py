@@ -47,8 +47,6 @@ ACCURACY_PX = 0.25
 """Accuracy of a disparity: a smaller one has no finite depth, only a least one."""
 MIN_ISLAND_PX = 60
 """Smaller islands of depth are dropped."""
-VOLUME_FRACTION = 0.6
-"""Fraction of the memory budget for matching; the rest is for images and maps."""
 MIN_AGREEMENT = 0.35
 """Minimum fraction of textured pixels on whose coarse disparity both directions agree.
 
@@ -59,7 +57,6 @@ MIN_CORRELATION = 0.7
 MIN_PIXELS = 30
 """Minimum number of pixels for a measurement."""
 PATCH_PX = 21
-PATCHES = 40
 ROWS_PX = 28
 """Search range of a patch above and below its row, px."""
 LIKENESS = 0.75
@@ -282,10 +279,11 @@ class StereoPair:
         """
         low, high = max(0, int(np.floor(disparities[0]))), disparities[1]
         bare = rectify(reference, other, (low, high))
+        # The rest is for images and maps.
         self.scale = memory_budget().fit_scale(
             f"depth of a pair ({bare.width}x{bare.height} pixels, {high - low:.0f} disparities)",
             lambda scale: matching_bytes(bare.width * scale, bare.height * scale, (high - low) * scale),
-            fraction=VOLUME_FRACTION,
+            fraction=0.6,
         )
         """Size of the rectified images relative to the reference's own resolution."""
         self.min_disparity = int(low * self.scale)
@@ -453,7 +451,7 @@ def _patch_errors(
     if len(ys) < MIN_PIXELS:
         return []
     errors = []
-    chosen = np.linspace(0, len(ys) - 1, PATCHES).astype(int)
+    chosen = np.linspace(0, len(ys) - 1, 40).astype(int)
     for x, y in zip(xs[chosen].tolist(), ys[chosen].tolist(), strict=True):
         patch = a[y - half : y + half + 1, x - half : x + half + 1]
         left = max(0, x - pair.min_disparity - pair.num_disparities - half)

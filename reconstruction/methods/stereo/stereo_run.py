@@ -37,8 +37,6 @@ DEPTH, FILLED, CHECKED, DIFFERENCE = (
     "depth_checked.tiff",
     "difference.tiff",
 )
-RANGE_INSTANTS = 8
-"""Number of instants whose images show the range of a pair's disparities."""
 CACHE_FRACTION = 0.12
 """Fraction of the memory budget for the depth of a pair's instants."""
 BYTES_PER_PIXEL = 150
@@ -131,7 +129,7 @@ def prepare_pair(scene: Scene, cameras: tuple[str, str]) -> StereoPair:
 def _prepare_pair(scene: Scene, cameras: tuple[str, str]) -> StereoPair:
     dataset, views = scene.dataset, (scene.views[cameras[0]], scene.views[cameras[1]])
 
-    chosen, (first, second) = evenly_spaced(dataset.instants(*cameras), RANGE_INSTANTS), cameras
+    chosen, (first, second) = evenly_spaced(dataset.instants(*cameras), 8), cameras
     images = [(dataset.grey(first, k), dataset.grey(second, k), _moving(scene, first, k)) for k in chosen]
     return StereoPair(*views, find_disparity_range(views, images))
 

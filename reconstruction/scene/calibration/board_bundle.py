@@ -19,9 +19,6 @@ from reconstruction.common.geometry import Array, View
 
 HUBER_PX = 1.0
 """Residual beyond which a corner counts less and less: it was probably misread."""
-MAX_STEPS = 30
-ENOUGH = 1e-5
-"""Relative decrease of the loss below which the adjustment stops."""
 LENS = 9
 """Number of lens parameters: fx, fy, cx, cy, then k1, k2, p1, p2, k3 or a fisheye's k1 to k4."""
 CAMERA = LENS + 6
@@ -30,10 +27,6 @@ SIMPLE = frozenset(range(6))
 """Parameters of the first adjustment: few boards, or boards at one angle, do not determine higher terms."""
 GROUPS = {False: ((8,), (6, 7), (5,)), True: ((7,), (6,), (5,))}
 """Terms that are left out together, in this order, of a perspective lens and of a fisheye."""
-TYPICAL_CENTRE = 0.1
-"""Standard deviation of lenses' principal points from the middle of the picture, in its longer side."""
-TYPICAL_BEND, TYPICAL_FISHEYE_BEND, TYPICAL_TANGENTIAL = 0.3, 0.1, 0.01
-"""Standard deviation of a term's shift of the picture's corner, in the corner's distance from the middle."""
 MIN_NOISE_PX = 0.02
 """Minimum noise of corners that is assumed."""
 LARGE_PERCENT, LARGE_PX = 1.0, 3.0
@@ -218,7 +211,7 @@ class Adjustment:
     def solve(self, values: Array) -> Array:
         """Return the values with the least loss, from these on."""
         damping, (loss, normal, gradient) = 1e-3, self._linearize(values)
-        for _ in range(MAX_STEPS):
+        for _ in range(30):
             before = loss
             while damping < 1e8:
                 # Fixed values have no slope: the damping alone keeps their equations solvable.
@@ -230,7 +223,7 @@ class Adjustment:
                     damping /= 5
                     break
                 damping *= 5
-            if before - loss < ENOUGH * before:
+            if before - loss < 1e-5 * before:
                 break
         return values
 
@@ -324,12 +317,14 @@ def _typical_lens(view: View) -> tuple[Array, Array]:
     corner = float(np.linalg.norm(size / 2) / view.focal)
     # As far as the terms bend the picture's corner, they are alike for lenses of any focal length.
     if view.is_fisheye:
-        terms = [TYPICAL_FISHEYE_BEND / corner ** (2 * n) for n in (1, 2, 3, 4)] + [1.0]
+        # A term shifts the corner by this fraction of its distance from the middle (standard deviation).
+        terms = [0.1 / corner ** (2 * n) for n in (1, 2, 3, 4)] + [1.0]
     else:
-        radial = [TYPICAL_BEND / corner ** (2 * n) for n in (1, 2, 3)]
-        terms = [*radial[:2], *[TYPICAL_TANGENTIAL / corner] * 2, radial[2]]
+        radial = [0.3 / corner ** (2 * n) for n in (1, 2, 3)]
+        terms = [*radial[:2], *[0.01 / corner] * 2, radial[2]]
     mean = np.array([view.matrix[0, 0], view.matrix[1, 1], *(size - 1) / 2, 0, 0, 0, 0, 0])
-    return mean, np.array([np.inf, np.inf, *[TYPICAL_CENTRE * size.max()] * 2, *terms])
+    # Principal points are off the middle by a tenth of the longer side (standard deviation).
+    return mean, np.array([np.inf, np.inf, *[0.1 * size.max()] * 2, *terms])
 
 
 def _centre_variance(view: View, pose: Array) -> Array:

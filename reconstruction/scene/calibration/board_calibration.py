@@ -35,10 +35,9 @@ from reconstruction.scene.conditions import evenly_spaced
 from reconstruction.scene.dataset import Dataset
 
 MIN_BOARDS = 4
+"""Minimum number of pictures of the board."""
 MAX_BOARDS = 40
-
-BUNDLE_MOMENTS_EACH, BUNDLE_MOMENTS = 20, 150
-"""Maximum moments of each camera and pair, and in total, in the adjustment; its time is cubic in them."""
+"""Maximum number of pictures of the board that are used."""
 
 
 FISHEYE_PX = 0.1
@@ -47,10 +46,6 @@ CLEARLY_BETTER = 2.0
 """Standard deviations of Wilcoxon's signed ranks (1945) of both models' squared residuals, by pictures, from
 which a lens is a fisheye. Eight real perspective lenses have at most 1.0, five rendered fisheyes at least
 2.3. Ranks, as a single picture in which one model finds a wrong pose outweighs the others."""
-FAILED_PX2 = 1e9
-"""Squared residuals of a picture if no lens was found."""
-FISHEYE_DEG = (100.0, 135.0, 170.0)
-"""Fields of view along the longer side from which the fisheye model is fitted."""
 
 
 class LensModel(StrEnum):
@@ -96,7 +91,8 @@ def calibrate_lens(
         for moment, (at, there) in enumerate(zip(points, pixels, strict=True))
     }
     fits = []
-    for degrees in FISHEYE_DEG:
+    # Fields of view along the longer side from which the fisheye model is fitted.
+    for degrees in (100.0, 135.0, 170.0):
         matrix = np.diag([max(size) / np.radians(degrees)] * 2 + [1.0])
         matrix[:2, 2] = (np.array(size) - 1) / 2
         fits.append(_adjusted_lens(size, Lens(matrix, np.zeros(4), True), sightings))
@@ -131,7 +127,8 @@ def _adjusted_lens(size: tuple[int, int], lens: Lens, sightings: Sightings) -> t
         try:
             values = adjustment.solve(adjustment.start())
         except (cv2.error, np.linalg.LinAlgError):
-            return lens, np.full(len(sightings), FAILED_PX2)
+            # No lens was found.
+            return lens, np.full(len(sightings), 1e9)
         views = adjustment.views_at(values)
     return views[name].lens, adjustment.squares(values)
 
@@ -291,8 +288,9 @@ def _bundle_moments(corners: BoardCorners) -> set[int]:
     for moment, seen in corners_by_moment(corners).items():
         for who in [*combinations(seen, 2), *((name,) for name in seen)]:
             groups.setdefault(frozenset(who), []).append(moment)
-    chosen = {k for moments in groups.values() for k in evenly_spaced(moments, BUNDLE_MOMENTS_EACH)}
-    return set(evenly_spaced(sorted(chosen), BUNDLE_MOMENTS))
+    # The adjustment's time is cubic in its moments.
+    chosen = {k for moments in groups.values() for k in evenly_spaced(moments, 20)}
+    return set(evenly_spaced(sorted(chosen), 150))
 
 
 def _pixels(seen: dict[int, Array], ids: list[int]) -> Array:

@@ -33,7 +33,9 @@ SharedPoints = Mapping[tuple[str, str], tuple[Array, Array]]
 INLIER_PX = 4.0
 """Maximum reprojection error of an inlier; beyond it the match or the calibration is wrong."""
 MAX_REPROJECTION_PX = 2.0
+"""Maximum reprojection error of a match."""
 MIN_ANGLE_DEG = 0.3
+"""Minimum angle between the rays of a match."""
 NEIGHBOURS = 4
 """Number of nearest cameras with a similar viewing direction that each camera is compared with."""
 MAX_AXIS_ANGLE_DEG = 45.0
@@ -43,6 +45,7 @@ MIN_PAIR_POINTS = 50
 MIN_TRACKS = 15
 """Minimum common points of three cameras that are compared."""
 RANSAC_PX = 2.0
+"""Maximum epipolar error of an inlier."""
 PLANE_PX = 3.0
 """Maximum distance of a match from where a plane's homography puts it; noise and a lens' distortion."""
 MIN_BESIDE_PLANE, MIN_BESIDE_FRACTION = 30, 0.1
@@ -57,7 +60,9 @@ REFUSED_PX = 3.0
 MIN_BLAME = 0.3
 """Minimum fraction of inconsistent pairs and triples of a moved camera; below it the matches are wrong."""
 MIN_RAY_ANGLE_DEG = 1.0
+"""Minimum angle between the rays of a track."""
 FAR_PX = 1000.0
+"""Maximum distance of a projected point, and that of one behind a camera."""
 MAX_RELATIVE_DISTANCE = 1e6
 """Distance of points at infinity, large compared to any rig."""
 

@@ -36,11 +36,6 @@ from reconstruction.scene.dataset import Dataset
 from reconstruction.scene.features_at_rest import SceneFeatures
 from reconstruction.scene.pairs import Features, detect_features
 
-MAX_SESSIONS = 10
-"""Newest sessions in which a running rig's calibration is looked for."""
-GLANCE = 320, 500
-"""Longer side (px) and number of points of a reduced image for a first, quick check."""
-
 
 class CameraMode(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Model and mode of a camera; a stored calibration is valid for this mode only."""
@@ -131,7 +126,7 @@ def find_rig_views(modes: Mapping[str, CameraMode], folder: Path | None) -> tupl
     """
     sessions = [] if folder is None else sorted(folder.glob(f"*/{MANIFEST}"), key=lambda p: p.stat().st_mtime)
     calibrations: list[Calibration] = []
-    for path in reversed(sessions[-MAX_SESSIONS:]):
+    for path in reversed(sessions[-10:]):
         with suppress(SimulshotError):
             dataset = Dataset(Session.open(path.parent))
             if (own := dataset.session.calibration()) is not None:
@@ -214,7 +209,8 @@ def choose_calibration(features: SceneFeatures) -> Calibration | None:
     if (own := dataset.session.calibration()) is not None:
         own = dataset.straight_calibration(own)
         views, faults = sound_views(dataset, own)
-        if not plainly_fits(views, _middle_features(dataset, views, *GLANCE)):
+        # By 500 points of reduced images, for a first, quick check.
+        if not plainly_fits(views, _middle_features(dataset, views, 320, 500)):
             faults += find_mixups(views, _middle_features(dataset, views))
         good = {name: own.cameras[name] for name in views if name not in dict(faults)}
         refuse_faults(dataset, good, faults)

@@ -31,33 +31,17 @@ from reconstruction.scene.calibration.consistency import (
 from reconstruction.scene.dataset import Dataset
 from reconstruction.scene.moving_pixels import SceneMotion
 
-FILM_DIAGONAL_MM = 43.27
-"""Diagonal of the 36 x 24 mm format to which equivalent focal lengths refer (CIPA DC-008)."""
 MAX_FOCAL_RATIO = 1.25
 """Maximum ratio of a found to the likely focal length; equivalent ones are rounded to whole millimetres."""
 MAX_PERSPECTIVE_DEG = 175.0
+"""Maximum field of view of a perspective lens."""
 WIDEST_DEG = 100.0
-STARTS = (1.0, 1 - GIVEN_ERROR, 1 + GIVEN_ERROR)
-"""Factors of given focal lengths from which these are sought. By the exact one, both poses that a plane
-allows fit a pair equally, and COLMAP's choices for several pairs may contradict each other."""
-DETOURS, MAX_CHANGE = (0.5, 1.4), 1.1
-"""Factors of found focal lengths from which these are sought again, without distortion at first, and change
-of the reprojection error up to which what is found then is as good."""
+"""Field of view from which a found lens is unlikely."""
 MIN_TO_SEPARATE_LENSES = 3
 """Minimum cameras that determine focal lengths; with two whose axes meet, any focal length fits."""
 GIVE_CALIBRATION = "give it a calibration: reconstruct calibrate SESSION --from PATH, or --from board"
 GIVE_LENSES = "or give the cameras' horizontal view: reconstruct calibrate SESSION --field-of-view DEG"
 """Hint where no lens was known."""
-FEATURE_BYTES_PER_PIXEL = 220
-"""Memory that SIFT uses: the image at twice its size, a dozen times in float, and its smaller octaves."""
-PEAK_THRESHOLD = 0.004
-"""Minimum contrast of a feature, below COLMAP's 0.0067: a median over time has little noise."""
-FIRST_PAIR_DEG = 4.0
-"""Minimum angle between the rays of the first two cameras: neighbours in a row are below COLMAP's 16."""
-MAX_BENT = 3.0
-"""Squared ray, at 60 degrees, up to which a plane is sought; farther out, rays enlarge a pixel's noise."""
-FEATURE_FRACTION = 0.6
-"""Fraction of the memory budget for all images whose features are extracted at once."""
 
 
 def likely_focal_lengths(
@@ -81,8 +65,9 @@ def likely_focal_lengths(
             "fisheyes are found from images only with their field of view",
             hint="give the horizontal one of the data sheet: --field-of-view 130",
         )
+    # Equivalent focal lengths refer to the 36 x 24 mm format (CIPA DC-008).
     return {
-        name: mm / FILM_DIAGONAL_MM * math.hypot(*dataset.size(name))
+        name: mm / 43.27 * math.hypot(*dataset.size(name))
         for name in dataset.cameras
         if (mm := _exif_focal_35mm(dataset, name)) is not None
     }
@@ -227,7 +212,8 @@ def _found(
     held: bool,
 ) -> _Found:
     extraction = _extraction(pycolmap, [dataset.size(name) for name in cameras])
-    for start in STARTS[: None if focal_px and not held else 1]:
+    # By the exact focal length, both poses that a plane allows fit a pair equally.
+    for start in (1.0, 1 - GIVEN_ERROR, 1 + GIVEN_ERROR)[: None if focal_px and not held else 1]:
         with tempfile.TemporaryDirectory(dir=root) as work:
             lenses_px = {name: focal * start for name, focal in focal_px.items()}
             rec = _solve(pycolmap, Path(work), lenses_px, extraction, model, held=held)
@@ -276,7 +262,8 @@ def lie_flat(rec: Any) -> bool:
     for image in _placed(rec):
         points = [point for point in image.points2D if point.has_point3D()]
         rays = image.camera.cam_from_img(np.array([point.xy for point in points]).reshape(-1, 2))
-        near = (rays**2).sum(1) < MAX_BENT
+        # Beyond 60 degrees, rays enlarge a pixel's noise.
+        near = (rays**2).sum(1) < 3.0
         straight = rays * image.camera.params[0]
         seen.append(
             {p.point3D_id: at for p, at, is_near in zip(points, straight, near, strict=True) if is_near}
@@ -323,7 +310,8 @@ def _detours(pycolmap: Any, rec: Any) -> Iterator[dict[int, float]]:
     """Yield focal lengths, by camera, that fit a model's points as well as its own."""
     rec.update_point_3d_errors()
     own_px = rec.compute_mean_reprojection_error()
-    for factor in DETOURS:
+    # These are sought again from other ones, without distortion at first.
+    for factor in (0.5, 1.4):
         other = deepcopy(rec)
         for camera in other.cameras.values():
             focal, *centre = camera.params[:3]
@@ -335,7 +323,7 @@ def _detours(pycolmap: Any, rec: Any) -> Iterator[dict[int, float]]:
                 pycolmap.bundle_adjustment(other, options)
             other.update_point_3d_errors()
             # Points behind their cameras have no error, or an infinite one.
-            if own_px / MAX_CHANGE < other.compute_mean_reprojection_error() < own_px * MAX_CHANGE:
+            if own_px / 1.1 < other.compute_mean_reprojection_error() < own_px * 1.1:
                 yield {number: camera.focal_length for number, camera in other.cameras.items()}
 
 
@@ -347,13 +335,15 @@ def _extraction(pycolmap: Any, sizes: Sequence[tuple[int, int]]) -> Any:
     def bytes_at(scale: float) -> float:
         shrunk = (min(1.0, limit / max(size)) * scale for size in sizes)
         pixels = max(w * h * s**2 for (w, h), s in zip(sizes, shrunk, strict=True))
-        return float(pixels * FEATURE_BYTES_PER_PIXEL)
+        # SIFT holds the image at twice its size, a dozen times in float, and its smaller octaves.
+        return float(pixels * 220)
 
-    scale = memory_budget().fit_scale("the features of a picture", bytes_at, fraction=FEATURE_FRACTION)
+    scale = memory_budget().fit_scale("the features of a picture", bytes_at, fraction=0.6)
     options.max_image_size = max(1, int(min(limit, max(map(max, sizes))) * scale)) if scale < 1 else limit
     # With several threads, the images' order in the database, and so the result, changes from run to run.
     options.num_threads = 1
-    options.sift.peak_threshold = PEAK_THRESHOLD
+    # Below COLMAP's 0.0067: a median over time has little noise.
+    options.sift.peak_threshold = 0.004
     return options
 
 
@@ -400,7 +390,8 @@ def _solve(
             ba_refine_focal_length=not held,
             triangulation={"ignore_two_view_tracks": False},
         )
-        options.mapper.init_min_tri_angle = FIRST_PAIR_DEG
+        # Neighbours in a row are below COLMAP's 16 degrees.
+        options.mapper.init_min_tri_angle = 4.0
         with suppress(ForeignError):
             best = _largest(
                 pycolmap.incremental_mapping(database, root / "images", work / "incremental", options)

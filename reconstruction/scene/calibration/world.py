@@ -26,17 +26,15 @@ from reconstruction.scene.pairs import size_above_features
 MAX_MARK_ERROR_PX = 8.0
 """Maximum error of a mark in images at most MAX_SIDE_PX wide; marks are set by hand."""
 MIN_ANGLE_DEG = 1.0
+"""Minimum angle between the rays to a mark."""
 
 
 Marks = Mapping[str, tuple[tuple[float, float], tuple[float, float]]]
 """Pixels (x, y) of two points in each of two or more cameras."""
-MAX_MOMENTS = 20
 MAX_ROTATION_DEG = 3.0
 """Maximum rotation of a static board between two moments."""
 MAX_RESIDUAL_FRACTION = 0.05
 """Maximum RMS residual of a flat board, as a fraction of its size."""
-WORLD_FROM_BOARD = np.diag([1.0, -1.0, -1.0])
-"""Rotation from the board's axes (x right, y down, z into the floor) to the world's."""
 
 
 def marked_points(views: Mapping[str, View], marks: Marks, labels: Mapping[str, str] | None = None) -> Array:
@@ -151,7 +149,7 @@ def world_of_board(
 
 def _fits(views: Mapping[str, View], board: Board, corners: BoardCorners, *, metric: bool) -> list[World]:
     """Return the world of the board at each moment at which it is seen well enough."""
-    moments = evenly_spaced(list(corners_by_moment(corners).values()), MAX_MOMENTS)
+    moments = evenly_spaced(list(corners_by_moment(corners).values()), 20)
     fits = [fit for seen in moments if (fit := _fit_shared(views, board, seen, metric)) is not None]
     if not fits and metric:
         fits = [fit for seen in moments if (fit := _fit_alone(views, board, seen)) is not None]
@@ -196,7 +194,8 @@ def _fit_alone(views: Mapping[str, View], board: Board, seen: Mapping[str, Corne
 
 def _world_of(rotation: Array, translation: Array, scale: float) -> World:
     """Return the world of a board that is at `scale * rotation @ place + translation` in the rig."""
-    into = WORLD_FROM_BOARD @ rotation.T
+    # From the board's axes (x right, y down, z into the floor) to the world's.
+    into = np.diag([1.0, -1.0, -1.0]) @ rotation.T
     return World(into, -into @ translation / scale, 1 / scale)
 
 

@@ -15,7 +15,7 @@ import pytest
 
 from capture_app.cli import run
 from capture_app.common.errors import ExitCode, SimulshotError
-from capture_app.companions.importing.recording import ImportOptions
+from capture_app.companions.importing.import_options import ImportOptions
 from capture_app.session.format.manifest import CALIBRATION, JOURNAL, MANIFEST
 from capture_app.session.reading.checksums import CHECKSUMS
 from capture_app.session.reading.decoding import image_size

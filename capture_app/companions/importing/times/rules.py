@@ -3,15 +3,15 @@
 import calendar
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
 from fractions import Fraction
 from functools import partial
 from itertools import combinations, islice
 from pathlib import Path
-from typing import Literal
 
 from capture_app.common.errors import BadInputError
+from capture_app.companions.importing.import_options import ImportOptions
 from capture_app.companions.importing.times.tables import Table, name_tables, timeline_by_tables
 from capture_app.session.format.camera_labels import require_camera
 from capture_app.session.format.common_times import CommonTimes, TimesState
@@ -51,42 +51,11 @@ OTHER_FPS = 0.01
 """Relative difference of two frame rates that are not the same one, such as 25 and 24; 29.97 is 30."""
 
 
-_HOUR_NS = 3_600_000_000_000
 _SUMMER_ENDS = {4: range(1, 8), 10: range(25, 32), 11: range(1, 8)}
 """Days of the month whose Sunday may end summer time: in Australia, Europe and North America, by month.
 
 Hour 1 of local time is then twice in London and New York, 2 in Berlin and Sydney, 3 in Helsinki.
 """
-
-TimeSource = Literal["auto", "video", "name", "exif"]
-"""Source of a recording's times.
-
-auto    chosen by what the recording has: a table, a phone's metadata
-video   from the videos' own timestamps, which may be irregular
-name    from the images' file names
-exif    from the images' EXIF: capture time with fraction of a second
-"""
-
-
-@dataclass(frozen=True, kw_only=True)
-class TimeOptions:
-    """User's options for the times of an import."""
-
-    fps: float | None = None
-    """Frame rate, frames/s."""
-    timestamps: Sequence[Table] = ()
-    times: TimeSource = "auto"
-    synchronized: bool = False
-    """Whether frames of equal number belong to one instant; without a rate, videos use their own."""
-    offsets_ms: Mapping[str, float] = field(default_factory=dict)
-    """Offset that converts a camera's own times to the rig's, ms, by camera name."""
-    uncertainty_ms: float | None = None
-    """95 % uncertainty of the times."""
-
-    @property
-    def states_times(self) -> bool:
-        """Whether the user specified the source of the times."""
-        return self.synchronized or self.fps is not None or bool(self.timestamps) or self.times != "auto"
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,7 +63,7 @@ class _Recording:
     """What the rules decide by."""
 
     sources: Sequence[Source]
-    options: TimeOptions
+    options: ImportOptions
     layout: Layout
 
     @property
@@ -127,7 +96,7 @@ class Rule:
     by_rate: bool = False
 
 
-def make_times(layout: Layout, options: TimeOptions) -> Times:
+def make_times(layout: Layout, options: ImportOptions) -> Times:
     """Compute every frame's time, match frames to instants, and state what is known of these times.
 
     The notes are what was assumed, and the gaps in the times. Raises BadInputError if there is no source of
@@ -155,7 +124,7 @@ def make_times(layout: Layout, options: TimeOptions) -> Times:
     return Times(timeline, common, rule.by_rate, (*notes, *gaps))
 
 
-def _known(state: TimesState, sentence: str, options: TimeOptions) -> CommonTimes:
+def _known(state: TimesState, sentence: str, options: ImportOptions) -> CommonTimes:
     """Return the state of a rule's times, with the user's corrections and uncertainty."""
     if options.offsets_ms:
         reason = "--time-shift-ms" if state == "unknown" else f"{sentence}; shifted by --time-shift-ms"
@@ -247,7 +216,7 @@ def _has_unix_times(recording: _Recording) -> bool:
 
 def _describe_double_hour(frames: _Frames) -> list[str]:
     """Return a line if local times may be of the hour that the end of summer time has twice."""
-    hours = {frame.leader_ns // _HOUR_NS for own in frames.values() for frame in own}
+    hours = {frame.leader_ns // 3_600_000_000_000 for own in frames.values() for frame in own}
     dates = (datetime(1970, 1, 1, tzinfo=UTC) + timedelta(hours=hour) for hour in sorted(hours))
     said = (
         f"summer time may end on {date:%Y-%m-%d}: local time may have the hour from {date:%H:%M} twice; "

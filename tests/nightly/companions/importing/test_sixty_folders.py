@@ -9,7 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from capture_app.companions.importing.recording import ImportOptions, import_found
+from capture_app.companions.importing.import_options import ImportOptions
+from capture_app.companions.importing.recording import import_found
 from tests.unit.companions.importing.strangers import MIDDLE_NS
 from tests.unit.plugins.footage.cut_apart import Phone, Take
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from capture_app.common.errors import BadInputError
-from capture_app.companions.importing.recording import ImportOptions
+from capture_app.companions.importing.import_options import ImportOptions
 from capture_app.session.format.calibration import CameraCalibration
 from capture_app.session.reading.reader import Session
 from tests.imported import import_one

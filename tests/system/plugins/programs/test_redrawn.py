@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from capture_app.companions.exporting.export_session import export_session
-from capture_app.companions.importing.recording import ImportOptions
+from capture_app.companions.importing.import_options import ImportOptions
 from capture_app.session.format.calibration import CameraCalibration
 from tests.imported import import_one
 from tests.unit.plugins.programs.dotted import (

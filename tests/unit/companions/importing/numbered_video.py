@@ -8,7 +8,8 @@ import av
 import cv2
 import numpy as np
 
-from capture_app.companions.importing.recording import ImportOptions, import_found
+from capture_app.companions.importing.import_options import ImportOptions
+from capture_app.companions.importing.recording import import_found
 from capture_app.session.reading.reader import Session
 
 MS, US = 1_000_000, 1_000

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from capture_app.cli import run
 from capture_app.common.errors import BadInputError, ExitCode
-from capture_app.companions.importing.recording import ImportOptions
+from capture_app.companions.importing.import_options import ImportOptions
 from capture_app.session.importing.frame_matching import TimedFrame, at_slowest_rate, timeline_by_times
 from capture_app.session.importing.recording_sources import name_time_ns
 from capture_app.session.reading.reader import Session

@@ -7,7 +7,8 @@ import pytest
 
 from capture_app.common.errors import BadInputError
 from capture_app.companions.importing.found import describe_unused, find_calibration
-from capture_app.companions.importing.recording import ImportOptions, import_found
+from capture_app.companions.importing.import_options import ImportOptions
+from capture_app.companions.importing.recording import import_found
 from capture_app.session.importing.importer import takes_in
 from capture_app.session.importing.recording_sources import folders_below
 from tests.imported import import_one

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from capture_app.common.errors import BadInputError
-from capture_app.companions.importing.recording import ImportOptions
+from capture_app.companions.importing.import_options import ImportOptions
 from capture_app.session.importing.frame_matching import (
     TimedFrame,
     check_order,

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from capture_app.companions.importing.recording import ImportOptions
+from capture_app.companions.importing.import_options import ImportOptions
 from capture_app.companions.importing.times.rules import frame_numbers
 from capture_app.session.importing.recording_sources import numbers_in
 from tests.imported import import_one

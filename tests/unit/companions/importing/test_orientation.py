@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from capture_app.companions.importing.recording import ImportOptions
+from capture_app.companions.importing.import_options import ImportOptions
 from capture_app.session.reading.decoding import decode_image, rotate_upright
 from capture_app.session.reading.verify import verify
 from reconstruction.common.image_files import read_image

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from capture_app.common.errors import NotApplicableError
-from capture_app.companions.importing.recording import ImportOptions
+from capture_app.companions.importing.import_options import ImportOptions
 from capture_app.session.importing.realigning import repair_drops
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify

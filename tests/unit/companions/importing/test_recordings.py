@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from capture_app.common.errors import BadInputError
-from capture_app.companions.importing.recording import ImportOptions
+from capture_app.companions.importing.import_options import ImportOptions
 from capture_app.session.format.calibration import CameraCalibration
 from capture_app.session.importing import recording_sources
 from capture_app.session.importing.frame_matching import TimedFrame, at_slowest_rate, timeline_by_times

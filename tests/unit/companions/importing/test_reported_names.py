@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from capture_app.companions.importing.recording import ImportOptions
+from capture_app.companions.importing.import_options import ImportOptions
 from capture_app.session.format.camera_labels import pair_labels
 from tests.imported import import_one
 

@@ -8,12 +8,11 @@ from typing import Any, get_args
 import pytest
 
 from capture_app.common.errors import BadInputError
+from capture_app.companions.importing.import_options import ImportOptions, TimeSource
 from capture_app.companions.importing.times import rules
 from capture_app.companions.importing.times.rules import (
     BY_PLACE,
     EQUAL_NUMBERS,
-    TimeOptions,
-    TimeSource,
     make_times,
 )
 from capture_app.session.format.common_times import CommonTimes
@@ -99,7 +98,7 @@ LAYOUTS: dict[str, Callable[[], Layout]] = {
     "a program's equal frames": lambda: clips(same_frames=True),
 }
 OPTIONS = [
-    TimeOptions(
+    ImportOptions(
         times=times,
         fps=fps,
         timestamps=table,
@@ -146,7 +145,7 @@ def shown(layout: Layout, name: str, index: int) -> int:
     return source.name_numbers[index][0]
 
 
-def check(layout: Layout, options: TimeOptions, timeline: Timeline, common: CommonTimes) -> None:
+def check(layout: Layout, options: ImportOptions, timeline: Timeline, common: CommonTimes) -> None:
     """The sentence is of the rule that made the times, and the state is what is known of these."""
     (by,) = [by for by in LATE_MS if by in common.reason] or [""]
     shift = SHIFT_MS if options.offsets_ms else 0
@@ -185,17 +184,17 @@ def test_each_combination_is_one_rule_or_a_refusal(name: str) -> None:
 @pytest.mark.parametrize(
     "options",
     [
-        TimeOptions(times="exif", synchronized=True),
-        TimeOptions(times="name", synchronized=True),
-        TimeOptions(synchronized=True, offsets_ms={"b": 1.0}),
-        TimeOptions(synchronized=True, timestamps=[("", Path("given.csv"))]),
+        ImportOptions(times="exif", synchronized=True),
+        ImportOptions(times="name", synchronized=True),
+        ImportOptions(synchronized=True, offsets_ms={"b": 1.0}),
+        ImportOptions(synchronized=True, timestamps=[("", Path("given.csv"))]),
     ],
 )
-def test_synchronized_beside_other_times_is_refused(options: TimeOptions) -> None:
+def test_synchronized_beside_other_times_is_refused(options: ImportOptions) -> None:
     with pytest.raises(BadInputError, match="--synchronized pairs frames of equal number, --"):
         make_times(LAYOUTS["numbered"](), options)
 
 
 def test_what_the_user_says_goes_before_what_a_program_stored() -> None:
-    times = make_times(LAYOUTS["a program's table"](), TimeOptions(synchronized=True))
+    times = make_times(LAYOUTS["a program's table"](), ImportOptions(synchronized=True))
     assert times.common == CommonTimes(state="given", reason=EQUAL_NUMBERS)

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from capture_app.common.errors import BadInputError
-from capture_app.companions.importing.recording import ImportOptions
+from capture_app.companions.importing.import_options import ImportOptions
 from capture_app.plugins.footage.sound import read_sound
 from capture_app.session.format.calibration import CameraCalibration
 from capture_app.session.importing.calibrations import fit_calibration, read_views

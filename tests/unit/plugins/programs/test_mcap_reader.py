@@ -10,7 +10,7 @@ from mcap.writer import CompressionType, Writer
 from mcap_protobuf.schema import register_schema
 
 from capture_app.common.errors import BadInputError
-from capture_app.companions.importing.recording import ImportOptions
+from capture_app.companions.importing.import_options import ImportOptions
 from capture_app.plugins.programs.mcap.bags import foxglove_message
 from capture_app.session.reading.verify import verify
 from tests.imported import import_one

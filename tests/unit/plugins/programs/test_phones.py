@@ -12,7 +12,7 @@ import pytest
 
 from capture_app.cli import run
 from capture_app.common.errors import BadInputError, ExitCode
-from capture_app.companions.importing.recording import ImportOptions
+from capture_app.companions.importing.import_options import ImportOptions
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
 from tests.imported import import_one

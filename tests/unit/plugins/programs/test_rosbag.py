@@ -13,7 +13,7 @@ from mcap.reader import make_reader
 
 from capture_app.cli import run
 from capture_app.common.errors import BadInputError, ExitCode
-from capture_app.companions.importing.recording import ImportOptions
+from capture_app.companions.importing.import_options import ImportOptions
 from capture_app.plugins.programs.mcap import bags
 from capture_app.plugins.programs.mcap.mcap_writer import ros_topics
 from capture_app.session.reading.reader import Session

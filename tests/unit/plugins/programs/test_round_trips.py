@@ -10,7 +10,7 @@ import pytest
 from capture_app.cli import run
 from capture_app.common.errors import BadInputError, ExitCode
 from capture_app.companions.exporting.export_session import export_session
-from capture_app.companions.importing.recording import ImportOptions
+from capture_app.companions.importing.import_options import ImportOptions
 from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.manifest import ImageRecord
 from capture_app.session.reading.decoding import decode_image

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from capture_app.common.errors import BadInputError
-from capture_app.companions.importing.recording import ImportOptions
+from capture_app.companions.importing.import_options import ImportOptions
 from capture_app.plugins.programs.caliscope.caliscope_writer import camera_numbers
 from capture_app.session.exporting.csv_tables import paired_names
 from capture_app.session.exporting.videos import write_video

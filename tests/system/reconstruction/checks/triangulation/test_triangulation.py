@@ -8,7 +8,7 @@ import cv2
 import pytest
 
 from capture_app.common.errors import NotAvailableError
-from capture_app.companions.importing.recording import ImportOptions
+from capture_app.companions.importing.import_options import ImportOptions
 from capture_app.session.reading.reader import Session
 from reconstruction.checks.triangulation.triangulation_study import TriangulationStudy
 from reconstruction.method.comparison_results import CompareResult

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
-from capture_app.companions.importing.recording import ImportOptions
+from capture_app.companions.importing.import_options import ImportOptions
 from capture_app.session.reading.reader import Session
 from reconstruction.methods.panorama.registration import register_images
 from tests.imported import import_one

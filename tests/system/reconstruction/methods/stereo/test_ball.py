@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 import pytest
 
-from capture_app.companions.importing.recording import ImportOptions
+from capture_app.companions.importing.import_options import ImportOptions
 from reconstruction.common.geometry import Array
 from reconstruction.methods.stereo.stereo_pair import StereoPair
 from reconstruction.scene.calibration.soundness import calibrated_views

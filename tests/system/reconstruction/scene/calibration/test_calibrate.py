@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from capture_app.companions.exporting.export_session import export_session
-from capture_app.companions.importing.recording import ImportOptions
+from capture_app.companions.importing.import_options import ImportOptions
 from capture_app.session.reading.reader import Session
 from reconstruction.common.geometry import View, other_from_reference
 from tests.imported import import_one

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from capture_app.common.errors import BadInputError
-from capture_app.companions.importing.recording import ImportOptions
+from capture_app.companions.importing.import_options import ImportOptions
 from capture_app.session.format.common_times import REFERENCE, CameraTimes
 from capture_app.session.importing.realigning import realign_session, repair_drops
 from capture_app.session.reading.reader import Session

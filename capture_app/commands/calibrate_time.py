@@ -23,8 +23,11 @@ if TYPE_CHECKING:
 
 NAME = "calibrate-time"
 MOTION_S, LIGHT_S = 2.0, 8.0
+WAIT_READY_S = 20.0
 MEASURES = "simulshot.delay_measures"
 """Group of entry points: modules with `HELP`, `TODO` and `measure`; each becomes an option of its name."""
+MOVE = "move in front of all cameras"
+BLINK = "switch a torch on and off repeatedly in front of all cameras"
 
 
 def _by_plugins(command: F) -> F:
@@ -83,13 +86,7 @@ def calibrate_time(
     plugin = None if by is None else load_plugin(MEASURES, by)
     if folder is None:
         seconds = LIGHT_S if light else MOTION_S
-        todo = (
-            plugin.TODO
-            if plugin is not None
-            else "switch a torch on and off repeatedly in front of all cameras"
-            if light
-            else "move in front of all cameras"
-        )
+        todo = plugin.TODO if plugin is not None else BLINK if light else MOVE
         folder = _take(leader, seconds, todo)
     session = Session.open(folder)
     talk("measuring")
@@ -123,7 +120,7 @@ def _take(leader: Address, seconds: float, todo: str) -> Path:
 
     talk(f"taking pictures for {seconds:g} s: {todo}")
     note = "taken to measure timestamp delays"
-    plan = TakePlan(seconds=seconds, name=NAME, note=note, wait_ready_s=20.0)
+    plan = TakePlan(seconds=seconds, name=NAME, note=note, wait_ready_s=WAIT_READY_S)
     taken: list[TakeEnd] = []
     asyncio.run(take(RigLink(leader), plan, taken, silent=True))
     require_whole(taken[0], 100.0)

@@ -16,6 +16,11 @@ from capture_app.console.usage import examples
 if TYPE_CHECKING:
     from capture_app.rig.process import AttachedRig
 
+_REFUSAL = (
+    "The screen is for its own page only: open it by this machine's address or host name, "
+    "or start it with capture-app serve --allow-host NAME.\n"
+)
+
 
 @click.command(epilog=examples("capture-app serve", "capture-app serve --port 8080 --leader 192.168.1.20"))
 @click.option("--host", default="127.0.0.1", help="Address that the page listens on; 0.0.0.0: all networks.")
@@ -74,15 +79,7 @@ async def _serve(rig: "AttachedRig", host: str, names: tuple[str, ...], port: in
         # Its own way to serve prints a banner, and accepts requests from pages of other sites.
         app = await Server(command, bound, port, title="simulshot", public_url=url)._make_app()
         app.on_startup.clear()
-        app.middlewares.append(
-            only_own_page(
-                names,
-                (
-                    "The screen is for its own page only: open it by this machine's address or host name, "
-                    "or start it with capture-app serve --allow-host NAME.\n"
-                ),
-            )
-        )
+        app.middlewares.append(only_own_page(names, _REFUSAL))
         async with served(app, listening):
             answer(as_json, {"url": url, "leader": str(rig.leader), "sessions": str(rig.sessions)}, [url])
             who = "any user of this machine" if host in LOOPBACK_HOSTS else "anyone in the network"

@@ -11,6 +11,9 @@ from numpy.typing import NDArray
 
 from capture_app.common.srgb import to_linear
 
+_COMPONENTS = {"<f4": 5126, "<u4": 5125, "<u2": 5123}
+_SHAPES = {1: "SCALAR", 3: "VEC3", 4: "VEC4", 16: "MAT4"}
+
 
 class Gltf:
     """A glTF document to which items and arrays are appended."""
@@ -34,9 +37,9 @@ class Gltf:
         return self.add(
             "accessors",
             bufferView=place,
-            componentType={"<f4": 5126, "<u4": 5125, "<u2": 5123}[dtype],
+            componentType=_COMPONENTS[dtype],
             count=len(table),
-            type={1: "SCALAR", 3: "VEC3", 4: "VEC4", 16: "MAT4"}[table.shape[1]],
+            type=_SHAPES[table.shape[1]],
             min=table.min(axis=0).tolist(),
             max=table.max(axis=0).tolist(),
             **facts,

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from rich.progress import Progress as Bar
     from rich.progress import TaskID
 
+_CENTURY_MS = 3e12
 json_option = click.option("--json", "as_json", is_flag=True, help="Print the result as JSON on stdout.")
 
 
@@ -44,7 +45,7 @@ class ParsedType(click.ParamType[Any]):
 def _parse_time_shift(text: str) -> tuple[str, float]:
     camera, _, ms = (part.strip() for part in text.rpartition("="))
     with contextlib.suppress(ValueError):
-        if camera and abs(float(ms)) < 3e12:
+        if camera and abs(float(ms)) < _CENTURY_MS:
             return camera, float(ms)
     raise ValueError(f"{text!r} is not CAMERA=MS, as in cam1=-12.5")
 

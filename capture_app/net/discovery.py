@@ -30,6 +30,7 @@ from capture_app.trust.trust import Trust
 SERVICE = "_simulshot._udp.local."
 LOOK_EVERY_S = 2.0
 """Interval between checks of this machine's addresses: a network may come up later, or change."""
+GOODBYE_S = 1.0
 MAX_LABEL_LETTERS = 50
 """Maximum length of a name; with the port it must fit into a DNS label of 63 bytes."""
 
@@ -37,6 +38,10 @@ Kind = Literal["leader", "relay"]
 MAX_LEADERS, MAX_ADDRESSES, MAX_NAME_LETTERS = 32, 16, 80
 MAX_TXT_BYTES = 240
 """Maximum length of the list of leader addresses; a DNS property holds 255 bytes including its name."""
+DETAILS_MS = 3000
+"""Timeout for resolving an announced service."""
+OWN_S = 0.5
+"""Timeout for this machine's own leaders."""
 OTHERS_S = 0.6
 """Listening time for further leaders; all of one network have answered by then."""
 ANSWER_S = 1.0
@@ -125,7 +130,7 @@ async def _keep_announced(host: str, info: AsyncServiceInfo) -> None:
 
 async def _close(responder: AsyncZeroconf) -> None:
     with contextlib.suppress(Error, OSError, TimeoutError):
-        async with asyncio.timeout(1.0):
+        async with asyncio.timeout(GOODBYE_S):
             await responder.async_close()
 
 
@@ -181,7 +186,7 @@ class LeaderBrowser(AbstractAsyncContextManager["LeaderBrowser"]):
     async def _ask(self, zeroconf: Zeroconf, name: str) -> None:
         with contextlib.suppress(Error, OSError, ValueError):
             info = AsyncServiceInfo(SERVICE, name)
-            if await info.async_request(zeroconf, 3000):
+            if await info.async_request(zeroconf, DETAILS_MS):
                 hosts, port = info.parsed_addresses(IPVersion.V4Only)[:MAX_ADDRESSES], info.port or 0
                 properties = info.decoded_properties
                 self._found[name] = FoundLeader(
@@ -220,7 +225,7 @@ async def search_leaders(
         while True:
             asked_s = system.monotonic_s()
             await browser.refresh()
-            if (mine := await first_to_answer(own(), 0.5)) is not None:
+            if (mine := await first_to_answer(own(), OWN_S)) is not None:
                 return [FoundLeader("this machine", (mine,))]
             await asyncio.sleep(max(0.0, began_s + OTHERS_S - system.monotonic_s()))
             leaders = browser.found

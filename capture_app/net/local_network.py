@@ -25,6 +25,7 @@ _RULE = re.compile(r"<rule\b.*?</rule>|(?:(?!<rule\b)[^;\n])+", re.DOTALL)
 """A rich rule of firewalld, which may span several lines, or one line or statement of any other firewall."""
 
 NETWORKS = Path("/sys/class/net")
+_IW_TIMEOUT_S = 2.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,7 +105,7 @@ def saves_power(interface: str) -> bool | None:
             ["iw", "dev", interface, "get", "power_save"],  # noqa: S607 - wherever it is installed
             capture_output=True,
             text=True,
-            timeout=2.0,
+            timeout=_IW_TIMEOUT_S,
             check=True,
         ).stdout
         return parse_power_save(output)

@@ -31,6 +31,8 @@ MAX_SILENT = 96
 MAX_FILES = 8192
 FILES_OF_A_STREAM, OTHER_FILES = 2, 128
 STREAM_TIMEOUTS = StreamTimeouts()
+KNOWN_EVERY_S = 1.0
+"""Interval between checks of which machines are still known."""
 
 
 class TransferServer(Generic[M]):
@@ -150,7 +152,7 @@ class TransferServer(Generic[M]):
     async def _watch_known(self) -> None:
         """Close the streams of machines that were removed or whose roles have changed."""
         while True:
-            await asyncio.sleep(1.0)
+            await asyncio.sleep(KNOWN_EVERY_S)
             # If the file of known machines is damaged at the moment, the next check reads it.
             with suppress(SimulshotError):
                 for channel, shown in tuple(self._open.items()):

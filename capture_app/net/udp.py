@@ -22,6 +22,8 @@ from capture_app.sync.sync_engine import Engine
 Reading = Callable[[], int]
 """Returns the reading of a host clock, in ns."""
 MAX_BYTES = 2048
+MAX_ROUND = 64
+"""Maximum number of datagrams in one turn of the loop, so that a flood cannot starve the rest of the node."""
 LATE_NS = 100_000_000
 """A timer that is later makes the pump look for events first: the machine may have slept."""
 
@@ -109,9 +111,8 @@ class Pump:
             sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 20)
         self._socket = sock
         self._loop = asyncio.get_running_loop()
-        # At most 64 datagrams in a turn of the loop, so that a flood cannot starve the rest.
         self._end_receiving = system.receive_datagrams(
-            sock, MAX_BYTES, self._received, self._receipt_times.queue_was_empty, at_once=64
+            sock, MAX_BYTES, self._received, self._receipt_times.queue_was_empty, at_once=MAX_ROUND
         )
         self.turn()
 

@@ -22,6 +22,7 @@ from capture_app.trust.trust import Peer, Trust
 
 OPEN_NEEDS_NO_CODE = "this rig is open: any machine may join without a code"
 LOOK_EVERY_NS = 1_000_000_000
+MAX_ROOTS = 20
 SAID_AGAIN_S = 30.0
 """Minimum interval between log lines about unknown machines, so that they cannot flood a screen."""
 Asked = (
@@ -194,7 +195,7 @@ class Enrolment:
             if Role.LEADER in machine.roles
             for pin in machine.roots or (machine.pin,)
         )
-        return tuple(roots)[:20] if self._is_relay else ()
+        return tuple(roots)[:MAX_ROOTS] if self._is_relay else ()
 
 
 def is_node(who: Peer, member: Member | None, instance: int) -> bool:

@@ -11,6 +11,7 @@ from capture_app.protocol.status import LogLine, NodeDetail, Preview
 from capture_app.session.format.marks import Mark
 from capture_app.sync.clock.clock_filter import PathAsymmetry
 
+MAX_PREVIEW_PX = 1920
 MAX_NODES = 64
 """Maximum number of cameras that run on one machine as processes of its leader."""
 _CAM = tuple(f"cam{number:02d}" for number in range(MAX_NODES))
@@ -42,7 +43,7 @@ class PreviewRequest(Message, frozen=True, kw_only=True, tag="preview-request"):
 
     cameras: Annotated[tuple[Text, ...], Meta(max_length=2000)] | None = None
     """Names of cameras; None: all."""
-    width: Annotated[int, Meta(ge=16, le=1920)]
+    width: Annotated[int, Meta(ge=16, le=MAX_PREVIEW_PX)]
     """Approximate width in pixels."""
     fps: Annotated[float, Meta(ge=0, le=30)]
     """Maximum rate per camera; 0: no previews."""

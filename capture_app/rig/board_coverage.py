@@ -11,6 +11,9 @@ from capture_app.protocol.status import Preview, RigStatus
 from capture_app.rig.rig_link import LinkLost, RigLink
 from capture_app.session.reading.decoding import decode_preview
 
+PREVIEW_PX = 1280
+"""Width of the previews in which the board is detected."""
+
 
 async def watch_coverage(
     link: RigLink, rig: RigStatus, board: Board = DEFAULT_BOARD
@@ -30,7 +33,7 @@ async def watch_coverage(
             hint=f"start one: capture-app node --leader {rig.leader} --camera SPEC",
         )
     count, shown = PreviewCount(board, sizes), CoverageCount(board, sizes).coverage()
-    await link.want_previews(cameras=None, width=1280, fps=3.0)
+    await link.want_previews(cameras=None, width=PREVIEW_PX, fps=3.0)
     yield shown
     is_lost = False
     async for update in link.updates():

@@ -22,6 +22,8 @@ from capture_app.trust.datagram_keys import Address, ClientKeys, LeaderKeys
 from capture_app.trust.sealing import Refusals, Refused, SealError, unknown_key, unknown_key_of
 
 Sealed = Iterator[tuple[bytes, Address]]
+NOT_PAIRED = "this rig accepts paired nodes only: start this one without --open"
+MAX_NOTICES = 64
 
 
 class SealedClient:
@@ -85,7 +87,7 @@ class SealedLeader:
             if version_answer(data) is None:
                 self.refusals.add(address[0], error.why)
             answer = _answer_to_unknown(data, error.why)
-            if answer is not None and len(answer) <= len(data) and len(self._notices) < 64:
+            if answer is not None and len(answer) <= len(data) and len(self._notices) < MAX_NOTICES:
                 self._notices.append((answer, address))
             return None
 
@@ -118,11 +120,7 @@ def _answer_to_unknown(data: bytes, why: Refused) -> bytes | None:
         if (version := version_answer(data)) is not None:
             return version
         if isinstance(message := decode(data), Hello):
-            return encode(
-                JoinRefusal(
-                    message.instance, "this rig accepts paired nodes only: start this one without --open"
-                )
-            )
+            return encode(JoinRefusal(message.instance, NOT_PAIRED))
     return None
 
 

@@ -70,6 +70,8 @@ _IN_RIG = (
 LEAVE, FINISH, STOP, STAY = "leave", "finish", "stop", "stay"
 POLL_S = 0.2
 """Interval at which a take that is awaited is looked at, s."""
+FOREIGN_JOBS_S = 2.0
+"""Interval at which the state of another screen's jobs is read, s."""
 SETTLED_S = 5.0
 """Time from the start after which what is in memory stays there, in seconds."""
 NAMED_JOBS = 2
@@ -211,7 +213,7 @@ class SimulshotApp(App[None]):
         self.theme_changed_signal.subscribe(self, lambda theme: self._settings.remember("theme", theme.name))
         self._follow()
         self.run_worker(self.runs.read(), group="jobs")
-        self.set_interval(2.0, self._read_foreign_jobs)
+        self.set_interval(FOREIGN_JOBS_S, self._read_foreign_jobs)
 
     def _read_foreign_jobs(self) -> None:
         if any(run.is_foreign for run in self.runs.all):

@@ -22,6 +22,7 @@ from capture_app.rig.instant_previews import LeaderMoments
 from capture_app.rig.rig_link import LinkLost, Update
 
 MAX_LOG_LINES = 500
+PHASE_HISTORY_S = 35.0
 
 
 @dataclass(slots=True)
@@ -71,7 +72,7 @@ class RigRecord:
             phases = self.phases[node.name]
             if not phases or phases[-1][1] != node.phase_error_ns:
                 phases.append((now, node.phase_error_ns))
-            while len(phases) > 1 and phases[1][0] < now - 35.0:
+            while len(phases) > 1 and phases[1][0] < now - PHASE_HISTORY_S:
                 phases.popleft()
 
 

@@ -16,6 +16,7 @@ from capture_app.trust.identity import private_part
 FILE = "phones.pem"
 LASTS = datetime.timedelta(days=800)
 """Apple's browsers reject certificates valid for more than 825 days."""
+RENEWED_BEFORE = datetime.timedelta(days=30)
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,12 +97,7 @@ def _is_good(path: Path, now: datetime.datetime) -> bool:
         load_certificate(path)
     except (OSError, ValueError, BadInputError):
         return False
-    # Renewed a month before it expires.
-    return (
-        certificate.not_valid_before_utc
-        <= now
-        < certificate.not_valid_after_utc - datetime.timedelta(days=30)
-    )
+    return certificate.not_valid_before_utc <= now < certificate.not_valid_after_utc - RENEWED_BEFORE
 
 
 def _new_pem(hosts: Iterable[str], now: datetime.datetime) -> bytes:

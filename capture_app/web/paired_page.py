@@ -42,6 +42,8 @@ BAD_PAGE = 1003
 """Code that closes a link whose page must not connect again by itself."""
 LOOK_EVERY_S = 0.5
 HEARTBEAT_S = 5.0
+CLOSE_S = 2.0
+"""Timeout of a page's answer to the closing of its link."""
 _TYPES = {".html": "text/html", ".css": "text/css", ".js": "text/javascript"}
 _POLICY = (
     "default-src 'none'; script-src 'self'; worker-src 'self'; style-src 'self'; img-src data: blob:;"
@@ -265,7 +267,7 @@ class PairedPage(ABC):
         if admitted is None:
             raise web.HTTPForbidden(text="this link was not asked for")
         socket_ = web.WebSocketResponse(
-            timeout=2.0, compress=False, max_msg_size=self.max_message_bytes, heartbeat=HEARTBEAT_S
+            timeout=CLOSE_S, compress=False, max_msg_size=self.max_message_bytes, heartbeat=HEARTBEAT_S
         )
         await socket_.prepare(request)
         assert isinstance(request.protocol, _Connection)

@@ -28,6 +28,8 @@ from capture_app.session.importing.recording_sources import (
 from capture_app.session.importing.video_tracks import open_container
 
 _SLACK_S = 2.0
+_HEARD_PAIRS = 3
+"""Number of pairs of each pairing that are compared by sound."""
 _COUNTER = re.compile(r"(?!take|run)[A-Za-z]{0,4}_?\d{3,}", re.IGNORECASE)
 """A name that cameras count, such as IMG_0001 or C0017: equal ones of two cameras mean nothing."""
 
@@ -105,7 +107,7 @@ def _by_clocks(
         return straight, ""
     possible = {**complete, **({straight: 0.0} if straight else {})}
     scores = {
-        pairs: sum(heard(first_clip.path, other.path) for first_clip, other in pairs[:3])
+        pairs: sum(heard(first_clip.path, other.path) for first_clip, other in pairs[:_HEARD_PAIRS])
         for pairs in (possible if len(possible) > 1 else ())
     }
     leading = [pairs for pairs, score in scores.items() if score == max(scores.values()) > 0]

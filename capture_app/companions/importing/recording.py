@@ -30,6 +30,8 @@ from capture_app.session.reading.reader import Session
 from capture_app.session.writing.session_writer import SessionWriter
 
 IMPORTED = "imported"
+SYNCED_TOGETHER = 64
+"""Number of images that are made safe by one sync: the source still has them."""
 _replaces_nothing = partial(replaces_nothing, option="--name")
 
 
@@ -239,8 +241,7 @@ def _write_images(
                 )
             done += 1
             progress(done, total)
-            # The source still has the images that are not safe yet.
-            if done % 64 == 0:
+            if done % SYNCED_TOGETHER == 0:
                 writer.sync()
         if source.name not in sizes:
             raise BadInputError(

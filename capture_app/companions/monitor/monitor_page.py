@@ -41,6 +41,8 @@ from capture_app.web.paired_page import ListeningPage, PageLink, PairedPage
 
 WIDTH_PX, FPS = 384, 5.0
 """Width and maximum rate of the live pictures of all cameras."""
+CLOSE_WIDTH_PX = 1280
+"""Width of a camera's that is looked at closely."""
 LIVE = "live"
 """Type of the message that ends pictures which are shown together."""
 SHEET_WIDTH_PX, SHEET_ROWS = 240, 6
@@ -118,7 +120,7 @@ class MonitorFeed:
     async def look_closely(self, camera: str) -> None:
         """Request larger pictures of a camera, until cancelled; they come with the others' pictures."""
         link = self._link.another()
-        await link.want_previews(cameras=(camera,), width=1280, fps=FPS)
+        await link.want_previews(cameras=(camera,), width=CLOSE_WIDTH_PX, fps=FPS)
         async with contextlib.aclosing(link.updates()) as updates:
             async for _ in updates:
                 pass

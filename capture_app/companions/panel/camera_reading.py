@@ -7,6 +7,8 @@ from numpy.typing import NDArray
 
 from capture_app.companions.panel.time_reading import PanelTime, read_panel
 
+_LEARN = 3
+"""Images whose unknown exposure and row time are estimated separately."""
 _MAX_LENGTH_RATIO = 0.1
 """Estimated exposures that differ by at most this fraction are taken as one exposure for all images."""
 
@@ -26,7 +28,7 @@ class CameraReading:
         row_time_ns: float | None = None,
     ) -> PanelTime:
         """Read an image (uint8, BGR); unknown values are None. Raises PanelNotFoundError as `read_panel`."""
-        if (exposure_ns is None or row_time_ns is None) and len(self._learned) < 3:
+        if (exposure_ns is None or row_time_ns is None) and len(self._learned) < _LEARN:
             self._learned.append(read_panel(picture, exposure_ns=exposure_ns, row_time_ns=row_time_ns))
             return self._learned[-1]
         exposures = [reading.shutter.exposure_ns for reading in self._learned]

@@ -9,6 +9,8 @@ from capture_app.common.text import duration, fill_in
 from capture_app.companions.panel.pattern import COUNT, MARKER_SIZE, Panel, marker_squares
 from capture_app.session.files.output_folder import OutputFolder, replaces_only
 
+PITCH_MM = 10.0
+"""Default distance between LEDs; suits 5 mm LEDs."""
 CROSS_MM = (4.0, 0.3)
 """Length and width of a cross's lines."""
 REGISTERS = 3
@@ -22,7 +24,7 @@ SKETCH = "panel/panel.ino"
 FILES = (SKETCH, "WIRING.md", "wiring.svg", "frame.pdf", "frame.svg")
 
 
-def frame_page(panel: Panel, paper: str = "a4", pitch_mm: float = 10.0) -> Page:
+def frame_page(panel: Panel, paper: str = "a4", pitch_mm: float = PITCH_MM) -> Page:
     """Return the printable frame. Raises BadInputError if it does not fit the paper."""
     page = Page(
         paper, (panel.width * pitch_mm, panel.height * pitch_mm), "a frame", smaller="smaller --pitch-mm"

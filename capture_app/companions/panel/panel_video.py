@@ -24,6 +24,7 @@ EDGE_S = 30.0
 """Duration of a video's beginning and end that is looked through, s."""
 LOOK_EVERY_S = 0.25
 """Interval between looks: a visit of a second has at least three."""
+KEY_EVERY_S = 0.5
 VISIT_S = 5.0
 """Maximum duration of a visit that is read, s."""
 READINGS = 8
@@ -88,7 +89,7 @@ def read_panel_video(path: Path) -> PanelTrack:
         parts = [(video.start_s, head_s), (tail_s, np.inf)]
         seen = [at_s for part in parts for at_s in video.looks(*part, LOOK_EVERY_S)]
         if not seen and tail_s > head_s:
-            seen = list(video.looks(head_s, tail_s, 0.5, only_key=True))
+            seen = list(video.looks(head_s, tail_s, KEY_EVERY_S, only_key=True))
         if not seen:
             where = f" in its first and last {EDGE_S:.0f} s, nor in key frames between"
             raise BadInputError(f"it sees no panel{where if tail_s > head_s else ''}")

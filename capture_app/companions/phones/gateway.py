@@ -13,6 +13,7 @@ from capture_app.web.admission import Admission, Admitted
 from capture_app.web.paired_page import PageLink, PairedPage
 
 DEFAULT_SIZE = (1280, 720)
+HELLO_S = 10.0
 LEFT = 1000
 """Close code of a page whose user ends its link."""
 REPLACED = 4001
@@ -86,7 +87,7 @@ class PhoneGateway(PairedPage):
 
 
 async def _hello(link: web.WebSocketResponse) -> wire.PhoneHello:
-    first = await link.receive(timeout=10.0)
+    first = await link.receive(timeout=HELLO_S)
     hello = wire.decode_text(first.data) if first.type is WSMsgType.TEXT else None
     if not isinstance(hello, wire.PhoneHello):
         raise ValueError("a page must begin with its hello")

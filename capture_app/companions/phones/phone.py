@@ -28,11 +28,14 @@ from capture_app.sync.clock.clock_filter import ClockFilter, ClockSample
 from capture_app.sync.clock.time_map import TimeMap
 
 MIN_SAMPLES = 300
+MAPPED_EVERY_NS = 500_000_000
+PENDING = 64
 BROWSER_NS = 60_000.0
 """95 % bound of the asymmetry that a browser adds between its clock and the socket; no exchange shows it.
 Headless Chromium over a loopback: see docs/accuracy-measurements.md.
 """
 ORDER_S = 10.0
+MAX_EXPOSURE_US = 1e7
 DELIVERY_NS = 100_000_000
 """Max delay from a frame's readout to its arrival at a page; assumed, as no browser reports it."""
 NEVER = "its page is closed: open it again on the phone"
@@ -44,6 +47,7 @@ HELD_FRAMES = 8
 """Number of first frames held back; their minimum delay locates the zero of the stream's media times."""
 RATE_FRAMES, RATE_FRACTION = 20, 0.05
 """Number of frames by which a browser's stated rate is checked, and the relative tolerance."""
+TYPICAL_RATE = 30.0
 MIN_RATE, MAX_RATE = 1.0, 1000.0
 
 
@@ -73,7 +77,7 @@ class PhoneClock:
         # An arrival at the end of a step is reported as its beginning: later is safe, earlier is not.
         t3_ns = round(ping.received_us * 1000) + self._step_ns
         self._filter.add(ClockSample(t0_ns, t1_ns, t2_ns, t3_ns))
-        is_due = not self.is_known or received_ns - self._mapped_ns >= 500_000_000
+        is_due = not self.is_known or received_ns - self._mapped_ns >= MAPPED_EVERY_NS
         if self.samples >= MIN_SAMPLES and is_due:
             self._mapped_ns = received_ns
             if (known := self._filter.time_map(t3_ns)) is not None:
@@ -82,7 +86,7 @@ class PhoneClock:
     def note_pong(self, ping: Ping, received_ns: int, sent_ns: int) -> None:
         """Record that a ping is being answered."""
         self._pending[ping.number] = round(ping.now_us * 1000), received_ns, sent_ns
-        if len(self._pending) > 64:
+        if len(self._pending) > PENDING:
             del self._pending[next(iter(self._pending))]
 
     def gateway_ns(self, page_us: float) -> int:
@@ -165,7 +169,7 @@ class FrameTimes:
         if self._held:
             self._steps_us.append(report.media_us - self._held[-1].media_us)
         if len(self._steps_us) >= RATE_FRAMES:
-            step_us, rate = median(self._steps_us), self._rate or 30.0
+            step_us, rate = median(self._steps_us), self._rate or TYPICAL_RATE
             if step_us > 0 and abs(step_us * rate / 1e6 - 1) > RATE_FRACTION:
                 rate = round(1e6 / max(step_us, 1e6 / MAX_RATE))
             self.period_ns = round(1e9 / min(max(rate, MIN_RATE), MAX_RATE))
@@ -287,7 +291,7 @@ class Phone:
     def exposure_ns(self) -> int | None:
         """Exposure of the phone's frames, if its browser reports it."""
         exposure_us = self._value(Control.EXPOSURE)
-        return None if exposure_us is None else round(min(max(exposure_us, 0.0), 1e7) * 1000)
+        return None if exposure_us is None else round(min(max(exposure_us, 0.0), MAX_EXPOSURE_US) * 1000)
 
     @property
     def gain(self) -> float | None:

@@ -30,8 +30,10 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+_JPEG_START = b"\xff\xd8\xff"
 _SLACK_S = 5.0
 RETRY_S = 2.0
+REPORT_INTERVAL_S = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +73,7 @@ class PhonePicture:
             raise CameraError(
                 f"{self.phone.name} did not send the image", hint="keep its page open and its screen on"
             ) from error
-        if not data.startswith(b"\xff\xd8\xff"):
+        if not data.startswith(_JPEG_START):
             raise CameraError(
                 f"{self.phone.name} sent an image that is not a JPEG",
                 hint="update its browser, or use another one",
@@ -224,7 +226,7 @@ async def _until_disconnected(phone: Phone) -> None:
 
 async def _report_state(phone: Phone, node: CameraNode) -> None:
     while True:
-        await asyncio.sleep(0.5)
+        await asyncio.sleep(REPORT_INTERVAL_S)
         phone.check_frames()
         state, words = node.standing
         # Sent even if unchanged: a page that was just loaded knows no state.

@@ -32,6 +32,7 @@ _SOUND = struct.Struct("<Bd")
 MAX_SOUND_BYTES = 1 << 17
 _NONE = 0xFFFFFFFF
 MAX_PICTURE_BYTES = 16 << 20
+_LONGEST_US = 2.0**53
 
 Words = Annotated[str, Meta(max_length=300)]
 Pixels = Annotated[int, Meta(gt=0, le=16384)]
@@ -166,5 +167,5 @@ def order(kind: str, **fields: object) -> str:
 
 
 def _check_times(*times_us: float) -> None:
-    if not all(abs(time_us) < 2.0**53 for time_us in times_us):
+    if not all(abs(time_us) < _LONGEST_US for time_us in times_us):
         raise ValueError("a time out of range")

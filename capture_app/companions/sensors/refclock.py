@@ -22,6 +22,8 @@ SOCK_SAMPLE = struct.Struct("@lld4i")
 """tv_sec, tv_usec, offset, pulse, leap, _pad, magic."""
 SOCK_MAGIC = 0x534F434B
 SAMPLE_EVERY_S = 1.0
+AGAIN_S = 2.0
+"""Time until a lost leader is asked again."""
 
 
 def sock_sample(now: LeaderTime, system_ns: int) -> bytes:
@@ -59,8 +61,7 @@ async def feed_chrony(leader: Address, path: Path, every_s: float = SAMPLE_EVERY
             except NetworkError:
                 if is_first:
                     raise
-                # A lost leader is asked again.
-                await asyncio.sleep(2.0)
+                await asyncio.sleep(AGAIN_S)
 
 
 def _send(sock: socket.socket, path: Path, now: LeaderTime) -> None:

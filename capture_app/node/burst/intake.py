@@ -16,6 +16,7 @@ from capture_app.session.writing.image_store import StoredImage
 from capture_app.session.writing.session_writer import SessionWriter
 from capture_app.sync.rig.frame_selection import Burst
 
+DISK_THREADS = 8
 SYNC_EVERY_S = 0.25
 """Interval at which videos are synced: a node keeps its frames for as long, and more."""
 
@@ -25,7 +26,7 @@ T = TypeVar("T")
 
 def disk_threads() -> ThreadPoolExecutor:
     """Return the thread pool that all bursts of a leader share for what blocks on the disk."""
-    return ThreadPoolExecutor(8, "disk")
+    return ThreadPoolExecutor(DISK_THREADS, "disk")
 
 
 async def on_disk(

@@ -41,6 +41,8 @@ from capture_app.session.files.untrusted_files import decode_struct, read_regula
 
 REPORT = "report.json"
 PROBE = f"probe{PART}"
+UNKNOWN_ROOM = 1 << 30
+"""Free space to report, in bytes, while memory replaces the spool."""
 _BURST = re.compile(r"[0-9a-f]{8,16}-[0-9]{6,10}")
 _OWN = re.compile(r"report\.json(\.part)?|journal\.ndjson|[0-9]{6,}\.(film|ndjson|jpg)(\.part)?")
 """Names of the files that nodes write into a burst's folder."""
@@ -287,7 +289,7 @@ class Spool:
             return replace(space, problem=cut(error.what))
         except DiskError as error:
             # Memory replaces it, and the amount needed depends on the leader.
-            return replace(space, free_bytes=1 << 30, problem=cut(error.what))
+            return replace(space, free_bytes=UNKNOWN_ROOM, problem=cut(error.what))
 
     def close(self) -> None:
         """Release the spool for another node. Calling it twice is harmless."""

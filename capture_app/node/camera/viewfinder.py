@@ -39,7 +39,9 @@ from capture_app.sync.clock.clock_filter import ClockSample
 from capture_app.sync.rig.client import Client
 
 RETRY_S = 2.0
+HEALTH_INTERVAL_S = 1.0
 MAX_FRAMES, MAX_LINES = 300, 100
+RATE_WINDOW_NS = 2_000_000_000
 JPEG_QUALITY = 75
 BUSY_FPS = 1.25
 """Maximum rate of previews while frames are selected or sent; one of 1080p takes some 10 ms of a core."""
@@ -104,7 +106,7 @@ class Viewfinder:
     @property
     def health(self) -> CameraHealth:
         """Current frame rate, exposure and gain."""
-        newest, since_ns = self.newest, self._options.clock.now_ns() - 2_000_000_000
+        newest, since_ns = self.newest, self._options.clock.now_ns() - RATE_WINDOW_NS
         recent = [stamp for stamp in self.stamps_ns if stamp >= since_ns]
         fps = 0.0 if self.stamps_ns else None
         if len(recent) > 1:
@@ -196,7 +198,7 @@ class Viewfinder:
             if (health := self.health) != sent:
                 sent = health
                 await channel.send(health)
-            await asyncio.sleep(1.0)
+            await asyncio.sleep(HEALTH_INTERVAL_S)
 
     async def _show(self, channel: Channel[Any]) -> None:
         loop = asyncio.get_running_loop()

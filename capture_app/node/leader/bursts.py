@@ -63,6 +63,8 @@ SURE_FRAMES = 300
 """A recording needs room for at least this many frames of each camera before it begins."""
 UNKNOWN_LENGTH_NS = 60_000_000_000
 """For a recording without an end, the cameras' drift within this time is reported."""
+SILENCE_CHECK_S = 0.25
+SNAPSHOT_EVERY_S = 0.25
 MAX_OPEN_BURSTS, MAX_BURSTS_AHEAD = 16, 16
 REPORT_INTERVAL_NS = 1_000_000_000
 MIN_SPARE = 4
@@ -212,7 +214,7 @@ class ActiveBursts:
             follower.follow_take(session)
         while not session.finished.is_set():
             yield session.status
-            await has_come(session.finished, 0.25)
+            await has_come(session.finished, SNAPSHOT_EVERY_S)
         yield session.status
 
     async def order(self, order: BurstOrder, *, name: str = "", note: str = "") -> BurstSession:
@@ -524,7 +526,7 @@ class ActiveBursts:
 
     async def _watch_silence(self) -> None:
         while True:
-            await asyncio.sleep(0.25)
+            await asyncio.sleep(SILENCE_CHECK_S)
             await self.give_up_silent_cameras()
             sessions = (*self._bursts.values(), *self.resumed.sessions())
             trouble = next((session.trouble for session in sessions if session.trouble), "")

@@ -22,6 +22,8 @@ from capture_app.sync.rig.rig_config import RequestedConfig
 from capture_app.trust.known_machines import CameraNames
 from capture_app.trust.sealed_engines import SealedLeader
 
+UNUSED_LOOK_S = 10.0
+
 
 class LeaderNode(PortEndpoint):
     """A running leader: `async with await LeaderNode.start(options)` serves until the block ends."""
@@ -107,7 +109,7 @@ class LeaderNode(PortEndpoint):
     async def wait_until_unused(self) -> None:
         """Return when no camera has joined, and nobody has looked at the rig for half an hour."""
         while True:
-            await asyncio.sleep(10.0)
+            await asyncio.sleep(UNUSED_LOOK_S)
             if self._rig.is_unused:
                 return
 

@@ -24,8 +24,10 @@ from capture_app.sync.rig.leader_engine import Leader
 from capture_app.sync.rig.roster import Member, camera_phases
 from capture_app.sync.timekeeping.rates import HostOffRate, RateVote
 
+CHECK_EVERY_S = 0.1
 GUESSED_PIXELS_PER_BYTE = 4
 """Pixels per byte of JPEG that a camera is assumed to have before its first image."""
+GUESSED_PIXELS_PER_BYTE_OF_TRUTH = 2
 MARGIN = 1.1
 _UNAVAILABLE = (NodeState.FAILED, NodeState.LOST)
 _IN_PROGRESS = (
@@ -101,13 +103,12 @@ async def reasons_until_ready(
                 return
         yield reason
         # States change with a node's report, which is no event.
-        await asyncio.sleep(0.1)
+        await asyncio.sleep(CHECK_EVERY_S)
 
 
 def _guessed_bytes(camera: CameraFacts) -> int:
     pixels = camera.width * camera.height
-    # A simulated camera's truth has a byte for two pixels.
-    truth = pixels // 2 if camera.kind == SIMULATED else 0
+    truth = pixels // GUESSED_PIXELS_PER_BYTE_OF_TRUTH if camera.kind == SIMULATED else 0
     # A camera that claims to be huge must not make every burst too large.
     return min(MAX_PAYLOAD_BYTES, pixels // GUESSED_PIXELS_PER_BYTE + truth)
 

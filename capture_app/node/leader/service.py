@@ -50,6 +50,7 @@ WorkingOn = dict[tuple[int, int, str], BurstSession]
 """Session that a stream delivers images of, by the leader's run, the burst's number and the camera."""
 
 
+STILL_SAVING_EVERY_S = 5.0
 LOOKS = 50
 """Number of looks at a burst under way within BUSY_TIMEOUT_S."""
 
@@ -87,7 +88,7 @@ class ImageAnswers(asyncio.Queue[tuple[messages.ImageBatch, "asyncio.Future[str]
             image, saving = await self.get()
             # The reader of a stream notices that it has broken off.
             with contextlib.suppress(NetworkError):
-                while not (await asyncio.wait({saving}, timeout=5.0))[0]:
+                while not (await asyncio.wait({saving}, timeout=STILL_SAVING_EVERY_S))[0]:
                     await self._channel.send(messages.ImageAck())
                 if not saving.cancelled():
                     error = saving.exception()

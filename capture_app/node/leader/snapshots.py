@@ -20,6 +20,7 @@ from capture_app.sync.wire.datagrams import Report
 
 MAX_PER_PAGE = 250
 MAX_STATUS_BYTES, MAX_BURST_BYTES = MAX_HEADER_BYTES * 3 // 4, MAX_HEADER_BYTES // 4
+MAX_BURST_TEXT = 4_000
 
 
 def node_statuses(
@@ -65,7 +66,7 @@ def fitted(make: Callable[[int], RigStatus]) -> RigStatus:
 
 def fitted_burst(burst: BurstStatus) -> BurstStatus:
     """Return the status of a burst without the parts that are too long for a message; its text says so."""
-    burst = replace(burst, message=cut(burst.message, 4_000))
+    burst = replace(burst, message=cut(burst.message, MAX_BURST_TEXT))
     if len(msgspec.json.encode(burst)) <= MAX_BURST_BYTES:
         return burst
     text = "; ".join(filter(None, (burst.message, "the progress of each camera is too long to be listed")))

@@ -26,6 +26,8 @@ from capture_app.sync.rig.leader_engine import Leader
 from capture_app.sync.timekeeping.rates import HostOffRate, RateVote
 
 LOOK_EVERY_NS = 2_000_000_000
+REVIEW_EVERY_NS = 1_000_000_000
+"""Interval between checks of the clocks' rates."""
 TICK_S = 0.1
 """Minimum interval between two statuses."""
 PICTURE_TICK = 0.2
@@ -106,7 +108,7 @@ class LeaderState:
         """Check at intervals which clocks run oddly; return changes."""
         if self._rates_due_ns is not None and now_ns < self._rates_due_ns:
             return []
-        self._rates_due_ns = now_ns + 1_000_000_000
+        self._rates_due_ns = now_ns + REVIEW_EVERY_NS
         return review_rates(self._rates, self._engine.roster.by_name())
 
     def _room(self, now_ns: int) -> int | None:

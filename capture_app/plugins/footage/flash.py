@@ -20,6 +20,8 @@ from capture_app.session.format.common_times import CameraTimes
 from capture_app.session.format.lens import Array
 from capture_app.session.importing.video_tracks import open_container
 
+BANDS = 120
+"""Maximum number of bands that the rows are averaged to."""
 COLUMNS = 16
 AROUND = 4
 """Number of frames on either side that a frame's brightness is compared with, skipping its neighbours.
@@ -213,7 +215,7 @@ def read_lights(path: Path) -> Lights:
             for frame in container.decode(video=0) if container.streams.video else ():
                 if frame.pts is not None:
                     small = frame.reformat(
-                        COLUMNS, min(120, frame.height), format="gray", interpolation="AREA"
+                        COLUMNS, min(BANDS, frame.height), format="gray", interpolation="AREA"
                     )
                     lamps.append((float(frame.pts * frame.time_base), small.to_ndarray().mean(1)))
     except BadInputError as error:

@@ -43,6 +43,7 @@ _HEADER = struct.Struct(">4sBBH")
 _NUMBERS = {
     "b": "b", "B": "B", "s": "h", "S": "H", "l": "i", "L": "I", "j": "q", "J": "Q", "f": "f", "d": "d"
 }  # fmt: skip
+_LONGEST_TYPE = 64
 GPS9_FIELDS = 9
 """Latitude, longitude, height, two speeds, days, seconds of the day, dilution of precision, fix."""
 WORST_DILUTION = 5.0
@@ -51,6 +52,7 @@ MIN_FIXES = 3
 """Minimum number of fixes for an alignment."""
 PAYLOAD_BYTES = 4_000_000
 """Maximum payload size that is read; a second of all GoPro sensors is some 100 kB."""
+PAYLOADS = 100_000
 JUMP_S = 0.5
 """Maximum scatter of the fixes' delays; above it the video is a time lapse, not in real time."""
 MAX_STAMP_DELAY_S = 2.0
@@ -142,7 +144,7 @@ def _streams(data: bytes, depth: int) -> Iterator[list[_Item]]:
 def _gps9(named: dict[str, _Item]) -> list[tuple[float, float]]:
     """Return the good fixes; each has its own UTC in ms and quality."""
     kinds = named["TYPE"].data.decode("latin-1").rstrip("\0") if "TYPE" in named else ""
-    rows = named["GPS9"].numbers(kinds[:64])
+    rows = named["GPS9"].numbers(kinds[:_LONGEST_TYPE])
     scale = [row[0] for row in named["SCAL"].numbers()] if "SCAL" in named else []
     good = []
     if len(scale) == GPS9_FIELDS and all(scale) and rows and len(rows[0]) == GPS9_FIELDS:
@@ -194,7 +196,7 @@ class GpsClock:
 def read_gps_clock(path: Path) -> GpsClock:
     """Return a video's GPS clock. Raises BadInputError with a short reason if it has none."""
     with open_container(path) as (_, container):
-        timed = list(islice(_payloads(container), 100_000))
+        timed = list(islice(_payloads(container), PAYLOADS))
     why = ""
     for key in LATE_S:
         if isinstance(clock := _clock(key, timed), GpsClock):

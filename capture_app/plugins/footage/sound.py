@@ -33,6 +33,7 @@ DISTINCT = 1.4
 """Minimum ratio of the best rough correlation to the second best."""
 PROMINENT = 8.0
 """Minimum height of a correlation peak in standard deviations of chance, also in each window."""
+WINDOW_SD_S = 5e-5
 MIN_JUMP_S = 0.004
 """Minimum change of the offset within a recording; half a frame at 120 frames/s."""
 MIN_SIDE = 3
@@ -111,7 +112,7 @@ def match_sounds(reference: Sound, camera: Sound, error_s: float) -> CameraTimes
     jump = find_jump(camera_s, reference_s - camera_s)
     wrong_s = 0.0 if jump is None else abs(jump.by_s)
     times = fit_clock_line(
-        camera_s, reference_s, np.full(len(blocks), 5e-5), "sound", systematic_s=error_s + wrong_s
+        camera_s, reference_s, np.full(len(blocks), WINDOW_SD_S), "sound", systematic_s=error_s + wrong_s
     )
     return times if jump is None else structs.replace(times, reason=str(jump))
 

@@ -7,6 +7,7 @@ from capture_app.session.exporting.exported_burst import ExportedBurst
 from capture_app.session.exporting.exporter import VIDEOS, Exporter
 from capture_app.session.exporting.videos import at_own_times, write_camera
 
+TIMELINE = "timeline.otio"
 SAME_RATE = 5e-4
 """Relative difference within which a rate is called the whole one; half of the difference of 29.97 and 30."""
 
@@ -49,9 +50,7 @@ def write(burst: ExportedBurst, folder: Path) -> None:
         clip = otio.schema.Clip(camera, media, source_range=length, metadata={"simulshot": facts})
         track.append(clip)
         timeline.tracks.append(track)
-    (folder / "timeline.otio").write_text(
-        otio.adapters.write_to_string(timeline, "otio_json"), encoding="utf-8"
-    )
+    (folder / TIMELINE).write_text(otio.adapters.write_to_string(timeline, "otio_json"), encoding="utf-8")
 
 
 def first_frame(burst: ExportedBurst, since_ns: int = 0) -> int:

@@ -15,6 +15,9 @@ from capture_app.session.format.lens import Array
 from capture_app.session.importing.importer import Importer
 from capture_app.session.importing.views import EXPORT_AGAIN, View, Views, numbers, read_xml
 
+_SUBPIXELS = 64.0
+_OPENCV_FROM_QUALISYS = np.diag([1.0, -1.0, -1.0])
+
 
 def read_calibration(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) -> Views | None:
     """Read the cameras of a .qca.txt by serial. Raises BadInputError, with the camera, if malformed."""
@@ -40,12 +43,11 @@ def _view(where: str, camera: ET.Element) -> View:
         _attributes(
             where, camera, "intrinsic", "focalLengthU", "focalLengthV", "centerPointU", "centerPointV", "skew"
         )
-        / 64.0
+        / _SUBPIXELS
     )
     bends = [*(f"radialDistortion{n}" for n in (1, 2)), *(f"tangentalDistortion{n}" for n in (1, 2))]
     axes = _attributes(where, camera, "transform", *(f"r{row}{column}" for row in "123" for column in "123"))
-    # From Qualisys' axes to OpenCV's.
-    rotation = np.diag([1.0, -1.0, -1.0]) @ axes.reshape(3, 3)
+    rotation = _OPENCV_FROM_QUALISYS @ axes.reshape(3, 3)
     return View(
         matrix=np.array([[fu, skew, cu - left], [0.0, fv, cv - top], [0.0, 0.0, 1.0]]),
         distortion=_attributes(where, camera, "intrinsic", *bends, "radialDistortion3"),

@@ -22,10 +22,12 @@ from capture_app.session.format.lens import (
     triangulate_rays,
 )
 
+_MAX_FEATURES = 4000
 _NEIGHBOURS = 4
 """Number of nearest cameras with which each camera is matched."""
 _DISTINCT = 0.85
 """Maximum ratio of the distances to the best and the second best match (Lowe 2004)."""
+_MAX_ERROR_PX = 1.5
 _MIN_ANGLE = 0.005
 """Minimum angle between the rays of a point, radians."""
 _CELL_PX = 12
@@ -102,7 +104,7 @@ def _features(picture: Picture) -> tuple[Array, Any]:
     """Return the pixels (n, 2) of SIFT features and their descriptors (n, 128), float32 of unit length."""
     import cv2
 
-    detector = cv2.SIFT.create(4000, contrastThreshold=0.01)
+    detector = cv2.SIFT.create(_MAX_FEATURES, contrastThreshold=0.01)
     keypoints, found = detector.detectAndCompute(cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY), None)
     pixels = np.array([point.pt for point in keypoints], np.float64).reshape(-1, 2)
     descriptors = np.asarray(found if found is not None else np.zeros((0, 128)), np.float32)
@@ -125,7 +127,7 @@ def _triangulate(first: CameraCalibration, second: CameraCalibration, *pixels: A
         for one, pose, seen in zip(cameras, poses, pixels, strict=True):
             local = points @ pose[:, :3].T + pose[:, 3]
             error = local[:, :2] / local[:, 2:] * [one.fx, one.fy] + matrix_of(one)[:2, 2] - seen
-            good &= (local[:, 2] > 0) & (np.linalg.norm(error, axis=1) < 1.5)
+            good &= (local[:, 2] > 0) & (np.linalg.norm(error, axis=1) < _MAX_ERROR_PX)
         a, b = (points - centre_of(camera) for camera in cameras)
         sine = np.linalg.norm(np.cross(a, b), axis=1) / np.linalg.norm(a, axis=1) / np.linalg.norm(b, axis=1)
     return points, good & (sine > _MIN_ANGLE)

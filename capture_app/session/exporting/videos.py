@@ -18,6 +18,8 @@ T = TypeVar("T")
 TIME_BASE = Fraction(1, 1_000_000)
 _QUALITY: dict[str, str] = {"crf": "17", "preset": "superfast", "bf": "0"}
 _LOSSLESS: dict[str, str] = {"qp": "0", "preset": "veryfast", "bf": "0"}
+_BT601 = 6  # ITU-T H.273's number for the matrix that JPEG uses too
+_LIMITED_RANGE = 1
 
 
 def write_video(
@@ -55,10 +57,8 @@ def write_video(
         if timecode:
             stream.metadata["timecode"] = timecode
         if not lossless:
-            # BT.601.
-            stream.codec_context.colorspace = 6
-            # Limited range.
-            stream.codec_context.color_range = 1
+            stream.codec_context.colorspace = _BT601
+            stream.codec_context.color_range = _LIMITED_RANGE
         for since_us, picture in _in_us(path, frames):
             frame = av.VideoFrame.from_numpy_buffer(np.ascontiguousarray(picture), format="bgr24")
             if not lossless:

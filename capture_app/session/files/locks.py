@@ -13,6 +13,7 @@ from capture_app.common.errors import TryAgainError, reading
 from capture_app.common.file_system_limits import is_missing
 from capture_app.session.files.durable import make_folders
 
+_TRIES = 5
 _READER_S = 0.005
 
 
@@ -43,7 +44,7 @@ def lock_folder(folder: Path) -> int:
     """Lock a session's folder against other writers. Raises TryAgainError if it is locked already."""
     with reading(folder):
         handle = system.open_folder(folder)
-    for _ in range(5):
+    for _ in range(_TRIES):
         try:
             locked = lock_handle(handle)
             # The folder may have been moved meanwhile, and another may have taken its name.

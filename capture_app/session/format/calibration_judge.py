@@ -28,15 +28,13 @@ SAME_FRACTION = 1e-6
 NEIGHBOURS_M = 5e-4, 150.0
 """Minimum and maximum distance between neighbouring cameras, metres."""
 _GRID = 16
+_AGAIN = "export the calibration again with its program, or make one: reconstruct calibrate SESSION"
 
 
 def check_lens(where: str, camera: CameraCalibration) -> None:
     """Raise BadInputError, its message beginning with `where`, for a calibration that no camera can have."""
     if why := camera_fault(camera):
-        raise BadInputError(
-            f"{where} cannot be right: {why}",
-            hint="export the calibration again with its program, or make one: reconstruct calibrate SESSION",
-        )
+        raise BadInputError(f"{where} cannot be right: {why}", hint=_AGAIN)
 
 
 def camera_fault(camera: CameraCalibration) -> str:

@@ -22,6 +22,7 @@ _WIDEST = float(np.radians(87.0))
 """Maximum angle off the axis at which a fisheye has rays, which are x / z and y / z."""
 _BEFORE_FOLD = 0.98
 """Fraction of the radius at which a lens folds up to which it is used: near the fold, rays are unstable."""
+_TANGENTIAL_STEPS = 10
 OUTSIDE = -10.0
 """Pixel that no image has."""
 _TINY = 1e-12
@@ -83,7 +84,7 @@ class Lens:
         while np.isinf(self.limit[0]) and self._bend(end) < 2 * radius.max():
             end *= 2
         table, shift = np.linspace(0.0, end, 2000), np.zeros_like(flat)
-        for _ in range(10 if self._tangential(flat).any() else 1):
+        for _ in range(_TANGENTIAL_STEPS if self._tangential(flat).any() else 1):
             bent = flat - shift
             radius = np.hypot(bent[:, 0], bent[:, 1]).clip(_TINY)
             at = np.interp(radius, self._bend(table), table)

@@ -16,6 +16,7 @@ from capture_app.session.format.common_times import CameraTimes, CommonTimes
 
 LONE_PERIOD_NS = 33_333_333
 """Period that is assumed if every camera has only one frame."""
+NO_FRAME = "no frame within half a period"
 MAX_GAP_NS = 1_000_000_000
 """Maximum time between the end of one camera and the beginning of another in one recording."""
 OTHER_RATE = 1.1
@@ -77,11 +78,7 @@ def timeline_by_times(where: str, cameras: Mapping[str, Sequence[TimedFrame]]) -
     periods = periods_of(cameras)
     period_ns = round(statistics.median(periods.values()))
     instants = [
-        Instant(
-            middle(frames),
-            frames,
-            {name: "no frame within half a period" for name in cameras if name not in frames},
-        )
+        Instant(middle(frames), frames, {name: NO_FRAME for name in cameras if name not in frames})
         for frames in match(cameras, period_ns)
     ]
     return Timeline(sorted(instants, key=lambda instant: instant.leader_ns), period_ns, periods)

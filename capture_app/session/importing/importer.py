@@ -53,6 +53,7 @@ UNREAD = {
 """What to do with files, by their suffix, where a folder has nothing that is read."""
 MAX_NAMED = 8
 """Number of files, folders and cameras that are named one by one."""
+_ONE_AT_A_TIME = "capture-app sessions import makes a session of each"
 
 
 def _cannot_open(name: str, path: Path, *, png: bool, recording: str | None) -> Source:
@@ -139,10 +140,7 @@ def open_sources(paths: Sequence[str], *, png: bool = False, recording: str | No
         if not name and path.is_dir() and not camera_importer(path):
             takes, _ = takes_in(path)
             if len(takes) > 1:
-                raise BadInputError(
-                    f"{path} has several takes: {', '.join(takes)}",
-                    hint="capture-app sessions import makes a session of each",
-                )
+                raise BadInputError(f"{path} has several takes: {', '.join(takes)}", hint=_ONE_AT_A_TIME)
             cameras += next(iter(takes.values()))
         else:
             own = path.resolve().name if path.is_dir() else path.stem

@@ -32,6 +32,7 @@ _SERIAL = re.compile(r"(?!(19|20)\d{6}$|([01]\d|2[0-3])[0-5]\d[0-5]\d{4}$)[1-9]\
 _AROUND = re.compile(r"(.*?)[\s_.-]*(\d+)[\s_.-]*(\D*)")
 """The last number of a name, and what is before and after it."""
 _DIGIT = re.compile(r"\d")
+_MAX_CAMERAS = 1000
 _MARGIN = 2
 """Least score of a parse that is taken, and its least distance from every other one."""
 
@@ -90,7 +91,7 @@ def parse_names(files: Sequence[Path], root: Path, *, stills: bool = True) -> li
     parses = [
         _parse(files, varying, column, stills=stills, still=any(n > columns.index(column) for n in still))
         for column in reversed(varying)
-        if len({piece.text for piece in column}) <= 1000
+        if len({piece.text for piece in column}) <= _MAX_CAMERAS
     ]
     # Columns that part the files in the same way are one reading, by the outermost of the best.
     found = sorted(filter(None, parses), key=lambda parse: parse.score)

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
 JPEG_BEGIN, JPEG_END = b"\xff\xd8", b"\xff\xd9"
 PNG_BEGIN = b"\x89PNG\r\n\x1a\n"
+_EXIF_SEGMENT = 0xE1, b"Exif\0\0"
 _TIFF_BEGINS = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 MAX_PADDING = 1 << 20
 """Limit on the bytes that a camera adds to a JPEG after its end."""
@@ -70,9 +71,7 @@ def read_exif(data: bytes) -> Exif:
 def _exif_bytes(data: bytes) -> bytes:
     """Return the TIFF with the EXIF of a JPEG, PNG or TIFF file; empty if it has none."""
     if data.startswith(JPEG_BEGIN):
-        exif = (
-            at for marker, at in _segments(data) if (marker, data[at + 2 : at + 8]) == (0xE1, b"Exif\0\0")
-        )
+        exif = (at for marker, at in _segments(data) if (marker, data[at + 2 : at + 8]) == _EXIF_SEGMENT)
         return next((data[at + 8 : at + struct.unpack_from(">H", data, at)[0]] for at in exif), b"")
     if data.startswith(PNG_BEGIN):
         return next((data[at : at + length] for name, at, length in _chunks(data) if name == b"eXIf"), b"")

@@ -28,6 +28,7 @@ from capture_app.session.reading.checksums import changed_files
 from capture_app.session.reading.decoding import decode_image, size_of
 from capture_app.session.reading.reader import INCOMING, Session, WritingState, writing_state
 
+_ROUNDING_NS = 1_000
 _ONE_MAP_NS, _WANDER = 2_000_000_000, 520e-6
 """Frames of a recording, and of a burst longer than this, use the newest clock map.
 
@@ -216,7 +217,7 @@ def _clock_error(
     own_ns = (
         clock.uncertainty_ns if record.uncertainty_ns is None else max(0, record.uncertainty_ns - stamp_ns)
     )
-    allowed_ns = own_ns + 1_000
+    allowed_ns = own_ns + _ROUNDING_NS
     # The clock record is from before; these changes were noticed later.
     allowed_ns += sum(
         widening.uncertainty_ns for widening in camera.widened if record.local_ns >= widening.from_local_ns

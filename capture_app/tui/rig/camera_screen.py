@@ -30,6 +30,8 @@ from capture_app.tui.widgets.plots import (
     wedge_title,
 )
 
+ASK_S = 0.7
+"""Interval between detail requests, in seconds."""
 PREVIEW_FPS, PREVIEW_WIDTH = 2.5, 320
 
 
@@ -166,7 +168,7 @@ class CameraScreen(Dialog[None]):
                 except SimulshotError as error:
                     self._problem = printable(str(error))
                 self._draw()
-            await asyncio.sleep(0.7)
+            await asyncio.sleep(ASK_S)
 
     def _watch(self, cameras: tuple[str, ...] | None) -> None:
         asking = self._source.want_previews(

@@ -36,6 +36,7 @@ from capture_app.tui.screen_settings import Settings
 from capture_app.tui.signs import MISSING, NO_LEADER, rig_sign
 from capture_app.tui.widgets.lines import Lines, log_lines
 
+SCROLLBAR = 1
 ADVICE_LINES = 2
 _FIGURES = re.compile(r"[\d.,]+ ?[nµm]?s?")
 SMALL = 30
@@ -202,8 +203,7 @@ class RigView(ModeView):
         self._cameras.draw(room)
 
     def _draw_log(self) -> None:
-        # Without the scrollbar's column.
-        self._log_lines.show(log_lines(self._record.log, self._event_log.size.width - 1))
+        self._log_lines.show(log_lines(self._record.log, self._event_log.size.width - SCROLLBAR))
 
     def _advise(self, status: RigStatus) -> list[Content]:
         if self._record.lost:

@@ -35,10 +35,13 @@ from capture_app.tui.widgets.whole_screen import WholeScreen
 
 NUMBERS = 200
 """Number of stored focus values; covers the time over which they are compared."""
+MAX_PREVIEWS = 12
+"""Stored previews per camera, a few seconds' worth."""
 FULL_FPS, PAIR_FPS = 10.0, 5.0
 MIN_PX, MAX_PX = 640, 1280
 """Min and max width of the previews: focus needs more pixels than a terminal shows."""
 BLINK_S = 0.5
+HISTOGRAM_ROWS = 3
 
 
 def nearest_pair(first: Iterable[Preview], second: Iterable[Preview]) -> tuple[int, Preview, Preview] | None:
@@ -144,8 +147,7 @@ class FullView(WholeScreen[str]):
                 self._measure()
 
     def _begin(self) -> None:
-        # A few seconds' worth.
-        self._previews = {camera: deque(maxlen=12) for camera in (self.camera, self._partner)}
+        self._previews = {camera: deque(maxlen=MAX_PREVIEWS) for camera in (self.camera, self._partner)}
         self._shows_second = False
         self._exposure = None
         self.focus_numbers.clear()
@@ -196,7 +198,7 @@ class FullView(WholeScreen[str]):
         lines = [focus_line(self.focus_numbers)]
         if self._exposure is not None:
             width = max(min(self.size.width - 2, len(self._exposure.histogram)), 1)
-            lines += [exposure_line(self._exposure), *histogram_lines(self._exposure, width, 3)]
+            lines += [exposure_line(self._exposure), *histogram_lines(self._exposure, width, HISTOGRAM_ROWS)]
         self._meters.show(lines)
 
     async def _ask(self, fps: float) -> None:

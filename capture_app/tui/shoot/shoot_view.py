@@ -54,6 +54,7 @@ from capture_app.tui.widgets.lines import Lines, write_border
 
 MAX_ANSWERS = 9
 """Maximum bursts offered for cancellation, one per digit key."""
+MAX_TAKES = 100
 SOON_S = 5.0
 """Time in which live depth usually starts."""
 FOUND = {DEPTH: "depth is starting", PEOPLE: "people are looked for"}
@@ -424,7 +425,7 @@ class ShootView(ModeView):
         was_done = take is not None and take.status.done
         if take is None:
             take = Take(status, is_new=not status.done or plan is not None, begun_s=self._record.clock())
-            self.takes = [*self.takes, take][-100:]
+            self.takes = [*self.takes, take][-MAX_TAKES:]
         take.plan, take.retake_of = plan or take.plan, retake_of or take.retake_of
         # A saved take that is not done is open again: its missing images arrive.
         if not was_done or (status.session is not None and not status.done):

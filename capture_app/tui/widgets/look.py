@@ -17,6 +17,8 @@ from capture_app.tui.widgets.whole_screen import WholeScreen
 T = TypeVar("T")
 SLOWEST, FASTEST = 1.0, 8.0
 """Min and max pictures per second; more would overload a slow link."""
+MAX_CACHED = 80
+"""Max number of cached pictures, decoded at the size of the screen."""
 
 
 Motion = Literal["still", "cameras", "instants", "wiggle", "play"]
@@ -76,7 +78,7 @@ class LookScreen(WholeScreen[tuple[str, int]]):
         self._step = 0
         self._timer: Timer | None = None
         self._sources: dict[tuple[str, int], tuple[Source, Source]] = {}
-        self._load = lru_cache(maxsize=80)(
+        self._load = lru_cache(maxsize=MAX_CACHED)(
             lambda camera, instant: sheet.load(camera, instant, 2 * self.app.size.width)
         )
 

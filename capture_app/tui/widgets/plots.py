@@ -26,6 +26,7 @@ MEASURABLE_NS = 1000
 EDGE = "$foreground 30%"
 SPAN_S = 30.0
 TYPICAL_TOLERANCE_NS = 100_000
+TYPICAL_PERIOD_NS = 33_333_333
 EMPTY = " ┈"
 """Cells without a trace: blank, and a line in the middle of the band."""
 AXIS_WIDTH = 7
@@ -143,7 +144,7 @@ class PhaseAxis:
     def of(cls, tolerances_ns: Sequence[int], period_ns: int | None) -> "PhaseAxis":
         """Return a rig's axis: the widest tolerance is the band, half a period the end."""
         tolerance = max((ns for ns in tolerances_ns if ns > 0), default=TYPICAL_TOLERANCE_NS)
-        return cls(tolerance, max((period_ns or 33_333_333) // 2, 2 * tolerance))
+        return cls(tolerance, max((period_ns or TYPICAL_PERIOD_NS) // 2, 2 * tolerance))
 
     def __str__(self) -> str:
         """Return the values of the band and of the ends."""

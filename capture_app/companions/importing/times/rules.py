@@ -51,6 +51,7 @@ OTHER_FPS = 0.01
 """Relative difference of two frame rates that are not the same one, such as 25 and 24; 29.97 is 30."""
 
 
+_HOUR_NS = 3_600_000_000_000
 _SUMMER_ENDS = {4: range(1, 8), 10: range(25, 32), 11: range(1, 8)}
 """Days of the month whose Sunday may end summer time: in Australia, Europe and North America, by month.
 
@@ -216,7 +217,7 @@ def _has_unix_times(recording: _Recording) -> bool:
 
 def _describe_double_hour(frames: _Frames) -> list[str]:
     """Return a line if local times may be of the hour that the end of summer time has twice."""
-    hours = {frame.leader_ns // 3_600_000_000_000 for own in frames.values() for frame in own}
+    hours = {frame.leader_ns // _HOUR_NS for own in frames.values() for frame in own}
     dates = (datetime(1970, 1, 1, tzinfo=UTC) + timedelta(hours=hour) for hour in sorted(hours))
     said = (
         f"summer time may end on {date:%Y-%m-%d}: local time may have the hour from {date:%H:%M} twice; "

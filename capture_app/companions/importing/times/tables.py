@@ -271,6 +271,7 @@ def _by_group(where: str, rows: Sequence[_Row], timed: Mapping[str, _Timed]) -> 
 
 
 _SUFFIXES = (".csv", ".tsv", ".txt")
+COMMON_TIMES = "times.txt"
 _OF_TIMES = re.compile(
     r"([._\- ]*(frame|video)?[._\- ]*(times?|time_?stamps?)|(^|[._\- ])+(ts|metadata|data))$", re.IGNORECASE
 )
@@ -297,7 +298,7 @@ def find_tables(sources: Sequence[Source], root: Path) -> tuple[Sequence[Table],
     common = [
         [(source.name, path) for source in sources]
         for path in own
-        if path.name == "times.txt" and all(path.parent in _with_parents(one.path) for one in sources)
+        if path.name == COMMON_TIMES and all(path.parent in _with_parents(one.path) for one in sources)
     ]
     tried = (*([("", path)] for path in timed if path not in own), _of_cameras(own, sources), *common)
     return next((tables for tables in tried if tables and _fit(sources, tables, notes)), ()), notes

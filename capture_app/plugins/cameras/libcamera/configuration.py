@@ -31,6 +31,7 @@ FOURCC = {"MJPEG": "MJPG", "NV12": "NV12", "YUYV": "YUYV", "R8": "GREY"}
 BUFFERS = 6
 """A process can be delayed by this many frames without a loss; a command takes effect after as many."""
 KIND = "libcamera"
+CHARACTER_DEVICES = Path("/sys/dev/char")
 READOUT_UNCERTAINTY_ROWS, READOUT_UNCERTAINTY_NS = 16, 100_000
 """Assumed: rows that a sensor sends before the image's first, and the delay from stamp to kernel."""
 _TYPICAL_RATE, _ROUND_NS = 3e-4, 10_000
@@ -172,7 +173,7 @@ def origin_of(camera: Any) -> Origin:
     if any(control.vendor == "rpi" for control in camera.controls):
         return "raspberry-pi"
     nodes = (
-        Path("/sys/dev/char") / f"{os.major(device)}:{os.minor(device)}"
+        CHARACTER_DEVICES / f"{os.major(device)}:{os.minor(device)}"
         for device in properties_of(camera).get("SystemDevices", ())
     )
     is_webcam = any((node / "device" / "driver").resolve().name == "uvcvideo" for node in nodes)

@@ -56,6 +56,8 @@ MIN_DURATIONS = 12
 """With fewer different durations, a row time could fit by chance."""
 SPAN = 0.5
 """Max extension of the requested durations beyond the frame period, as a fraction of it."""
+LONGEST_ROW_US = 250.0
+SHORTEST_ROW_US = 5.0
 _BELOW_US, _ABOVE_US = 0.5, 1.0
 """Rounding error of reports: up to 0.5 us too long if rounded, up to 1 us too short if truncated."""
 SILENT_S = 5.0
@@ -95,7 +97,7 @@ def find_row_time_us(reported_us: Iterable[int]) -> float | None:
     durations = sorted(set(reported_us))
     if len(durations) < MIN_DURATIONS or durations[0] <= 0:
         return None
-    bounds = [(5.0, 250.0)]
+    bounds = [(SHORTEST_ROW_US, LONGEST_ROW_US)]
     for duration_us in durations:
         min_us, max_us = duration_us - _BELOW_US, duration_us + _ABOVE_US
         narrowed = [

@@ -47,6 +47,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+MAX_GAIN = 16.0
 CHOSEN_KELVIN = 5000.0
 WANDER, WANDER_NS = 0.3, 10_000_000_000
 """Amplitude, as a fraction, and period of the automatic exposure's variation, as under clouds."""
@@ -124,7 +125,7 @@ class SimulatedControls:
                 minimum=self._whole(0) / 1000,
                 maximum=self._whole(self._profile.period_ns) / 1000,
             ),
-            ControlState(control=Control.GAIN, value=self.gain, unit=TIMES, minimum=1.0, maximum=16.0),
+            ControlState(control=Control.GAIN, value=self.gain, unit=TIMES, minimum=1.0, maximum=MAX_GAIN),
             ControlState(
                 control=Control.WHITE_BALANCE,
                 value=self._white_balance_k or CHOSEN_KELVIN,

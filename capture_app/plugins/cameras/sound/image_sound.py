@@ -21,6 +21,7 @@ RATES_HZ = range(8_000, 192_001)
 _NAME = b"simulshot sound 1\0"
 _HEAD = struct.Struct("<IQIBq")
 _APP0, _APP9, _APP15 = 0xE0, 0xE9, 0xEF
+_MAX_SAMPLE = 2**53
 
 
 class SoundPart(NamedTuple):
@@ -69,7 +70,7 @@ def sounds_of(jpeg: bytes) -> list[SoundPart]:
         pcm = content[len(_NAME) + _HEAD.size :]
         if jpeg[at + 1] == _APP9 and content.startswith(_NAME) and pcm:
             part = SoundPart._make((*_HEAD.unpack_from(content, len(_NAME)), pcm))
-            if part.rate_hz in RATES_HZ and part.channels in (1, 2) and part.first < 2**53:
+            if part.rate_hz in RATES_HZ and part.channels in (1, 2) and part.first < _MAX_SAMPLE:
                 sounds.append(part._replace(pcm=pcm[: part.samples * 2 * part.channels]))
         at += 2 + max(2, int.from_bytes(jpeg[at + 2 : at + 4]))
     return sounds

@@ -19,6 +19,7 @@ from capture_app.common.errors import CameraError, NotAvailableError
 from capture_app.plugins.cameras.sound.sound_ring import RATE_HZ
 
 SIMULATED, OVERRUN, OWN = "sim", "sim:overrun", "own"
+SIMULATED_PPM = 100.0
 PERIOD_US = 20_000
 SILENT_S = 5.0
 """Time without samples after which a microphone counts as lost."""
@@ -103,7 +104,7 @@ class AlsaMicrophone:
 class SimulatedSound:
     """Samples that click at whole seconds of the host's clock, by a sample clock that is `ppm` fast."""
 
-    def __init__(self, begin_true_ns: int, ppm: float = 100.0) -> None:
+    def __init__(self, begin_true_ns: int, ppm: float = SIMULATED_PPM) -> None:
         """Sample 0 is taken at `begin_true_ns` of the host's clock."""
         self._begin_true_ns = begin_true_ns
         self._step_ns = 1e9 / (RATE_HZ * (1 + ppm * 1e-6))

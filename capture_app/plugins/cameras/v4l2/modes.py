@@ -14,6 +14,7 @@ from capture_app.plugins.cameras.v4l2.kernel import VideoDevice
 USABLE_FORMATS = ("MJPG", "JPEG", "YUYV", "NV12", "GREY")
 """Pixel formats that can be saved, best first: a camera's own JPEG is the smallest on the bus."""
 
+DEFAULT_PERIOD = Fraction(1, 30)
 _LISTED_MODES = 8
 _RATE_TOLERANCE = 0.01
 """Relative tolerance: drivers round frame rates, and 29.97 and 30 fps are one mode to a user."""
@@ -80,7 +81,7 @@ def choose_mode(path: str, offered: tuple[Mode, ...], request: CameraRequest) ->
     Without a request: MJPG before raw formats, near 640x480, near 30 fps. Raises CameraError that lists
     the camera's modes if none satisfies the request.
     """
-    period = request.period_s or Fraction(1, 30)
+    period = request.period_s or DEFAULT_PERIOD
     width, height = request.size
     if not offered:
         raise CameraError(

@@ -67,6 +67,7 @@ OPTIONS = {
 }
 VIDEO4LINUX_MAJOR = 81
 """Linux's major number of Video4Linux device nodes."""
+WAKING_TRIES = 5
 WAKING_PAUSE_S = 0.1
 
 
@@ -366,7 +367,7 @@ def open_video_node(path: str) -> VideoDevice:
     status = Path(path).stat()
     if not (stat.S_ISCHR(status.st_mode) and os.major(status.st_rdev) == VIDEO4LINUX_MAJOR):
         raise CameraError(f"{path} is not a camera", hint="`capture-app cameras` lists the cameras")
-    for _ in range(4):
+    for _ in range(WAKING_TRIES - 1):
         try:
             return VideoDevice(path)
         except OSError as error:

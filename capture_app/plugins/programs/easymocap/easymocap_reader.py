@@ -18,6 +18,7 @@ from capture_app.session.importing.recording_sources import Layout, images_in
 from capture_app.session.importing.views import View, Views, numbers, rotation_of
 
 INTRINSICS, EXTRINSICS = "intri.yml", "extri.yml"
+_LONGEST_SIDE_PX = 1e6
 
 
 def open_recording(path: Path, *, png: bool, recording: str | None) -> Layout | None:
@@ -68,7 +69,7 @@ def _view(folder: Path, name: str, content: dict[str, Any]) -> View:
     size = [
         round(side)
         for side in (content.get(f"{key}_{name}") for key in "WH")
-        if isinstance(side, int | float) and 0 < side < 1e6
+        if isinstance(side, int | float) and 0 < side < _LONGEST_SIDE_PX
     ]
     return View(
         matrix=numbers(where, content, f"K_{name}", 9).reshape(3, 3),

@@ -27,6 +27,7 @@ FRAME_SD_S, PART_SD_S = 1e-3, 1e-4
 """Standard deviation of a recording's frame times, and of a sound's times in images."""
 SOUNDS = "simulshot.sounds"
 """Entry-point group of modules with `read_sounds(session, camera)`: parts of sound, each with its image."""
+MAX_SOUND_S = 86_400.0
 MAX_SLIP_S, MAX_RATE_PPM = 1.0, 20_000.0
 """How much farther apart than their times samples may be by their numbers, and a microphone's clock error."""
 MAX_BEFORE_NS = 3_000_000_000
@@ -81,7 +82,7 @@ def add_own_sound(burst: ExportedBurst, camera: str, video: Path, *, wav: bool) 
     if not streams:
         return
     end_s = _end_s(burst, camera)
-    if end_s > 86_400.0:
+    if end_s > MAX_SOUND_S:
         burst.warn(f"{camera}: the video is longer than a day, so it has no sound")
         return
     firsts = range(0, round(end_s * RATE_HZ), BLOCK)

@@ -40,6 +40,7 @@ from capture_app.session.reading.decoding import image_size
 _TRANSFORMS = "transforms.json"
 _HALF_PIXEL = 0.5
 _PERSPECTIVE = ("OPENCV", "PINHOLE", "PERSPECTIVE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL")
+_OPENCV_FROM_OPENGL = np.array([1.0, -1.0, -1.0])
 
 
 def open_recording(path: Path, *, png: bool, recording: str | None) -> Layout | None:
@@ -135,8 +136,7 @@ def _image(path: Path, content: Mapping[str, Any], frame: Any, cameras: Sequence
     name = frame.get("camera")
     label = name if isinstance(name, str) else camera_of(file, cameras)
     pose = numbers(where, all_of, "transform_matrix", 12, 16).reshape(-1, 4)
-    # From OpenGL's axes to OpenCV's.
-    rotation = (pose[:3, :3] * np.array([1.0, -1.0, -1.0])).T
+    rotation = (pose[:3, :3] * _OPENCV_FROM_OPENGL).T
     width, height = (round(number(where, all_of, key)) for key in ("w", "h"))
     fx = number(where, all_of, "fl_x", _focal_length(where, all_of, "camera_angle_x", width))
     fy = number(where, all_of, "fl_y", _focal_length(where, all_of, "camera_angle_y", height) or fx)

@@ -9,6 +9,8 @@ from capture_app.session.exporting.pinhole import opengl_pose
 from capture_app.session.exporting.point_cloud import PointCloud
 from capture_app.session.format.calibration import METRES, CameraCalibration
 
+_UPRIGHT = [1, 0, 0, 0, 0, -1, 0, 0, 0, 0, -1, 0, 0, 0, 0, 1]
+"""glTF's y points up, the rig's down."""
 _POINTS = 0
 """glTF's mode of drawing points."""
 
@@ -21,15 +23,7 @@ def write_gltf(path: Path, cameras: Mapping[str, CameraCalibration], cloud: Poin
     metres = METRES.get(unit, 1.0)
     document = Gltf()
     parts = [*range(1, len(cameras) + 2)]
-    # glTF's y points up, the rig's down.
-    document.add(
-        "scenes",
-        nodes=[
-            document.add(
-                "nodes", name="rig", matrix=[1, 0, 0, 0, 0, -1, 0, 0, 0, 0, -1, 0, 0, 0, 0, 1], children=parts
-            )
-        ],
-    )
+    document.add("scenes", nodes=[document.add("nodes", name="rig", matrix=_UPRIGHT, children=parts)])
     for name, lens in cameras.items():
         perspective = {
             "aspectRatio": lens.width * lens.fy / (lens.height * lens.fx),

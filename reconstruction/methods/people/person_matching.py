@@ -9,7 +9,7 @@ import re
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import combinations
+from itertools import combinations, pairwise
 from typing import NamedTuple
 
 import cv2
@@ -43,6 +43,8 @@ MAX_LOST_S = 1.0
 """Time after which an individual that nothing was seen of ends."""
 DRIFT, STRIDE = 0.3, 1.2
 """Largest distance at which an individual is seen again, relative to its size, and its growth a second."""
+MAX_BOTH = 0.5
+"""Largest part of a path's times at which another one of the same individual is seen."""
 NOISE = 0.012
 """Standard deviation of a pixel, relative to an individual's size, by which rays agree."""
 STEP = 0.75
@@ -61,6 +63,8 @@ class Detections(NamedTuple):
     names: tuple[str, ...]
 
 
+Path = list[tuple[float, Array]]
+"""Times at which two cameras show an individual, s, and its joints (joints, 3) then."""
 Places = dict[tuple[int, int], list[int]]
 """An individual's detections by camera and frame: the best first, then those of its other parts."""
 
@@ -106,13 +110,17 @@ class PersonMatcher:
 
     def match(self, frame_s: Sequence[Array], period_s: float) -> list[Individual]:
         """Return the individuals, by the times (frames,) of each camera's frames, NaN = no frame."""
-        steps = _steps(frame_s, period_s)
+        steps, paths = _steps(frame_s, period_s), dict[Individual, Path]()
         for frames in steps:
-            self.follow(frames, {camera: float(frame_s[camera][k]) for camera, k in frames.items()})
+            times = {camera: float(frame_s[camera][k]) for camera, k in frames.items()}
+            self.follow(frames, times)
+            for one in self.active:
+                if one.confirmed[-1:] == [self.step]:
+                    paths.setdefault(one, []).append((one.seen_s, one.joints.copy()))
         begins_s = np.array([min(frame_s[camera][k] for camera, k in frames.items()) for frames in steps])
         take = np.cumsum(np.diff(begins_s, prepend=begins_s[:1]) > MAX_LOST_S)
         long = np.bincount(take)
-        everybody = [one for one in self.ended + self.active if one.confirmed]
+        everybody = _joined(paths)
         return [one for one in everybody if one.is_somebody(int(long[take[one.confirmed[0]]]))]
 
     def follow(self, frames: Mapping[int, int], times: Mapping[int, float]) -> None:
@@ -140,6 +148,14 @@ class PersonMatcher:
                 for camera, owned in places.items():
                     free[camera] -= {*owned}
         self._part_bodies(sure, frames)
+        # Who is found a second time, or in part, begins nobody.
+        for camera, left in free.items():
+            taken_here = {place for owned in taken[camera].values() for place in owned}
+            for one in (self.active[number] for number in sure):
+                joints = one.at(times[camera])
+                for sides in (joints, joints[self.mirror]):
+                    near = self._distances(camera, sides, one.size, seen[camera]) < GATE
+                    left -= {*np.flatnonzero(near).tolist()} - taken_here
         weak = [one for number, one in enumerate(self.active) if number not in sure]
         self._begin(seen, free, frames, weak, [self.active[n] for n in sure], now_s)
         for number, individual in enumerate(self.active[: len(points)]):
@@ -420,6 +436,38 @@ class PersonMatcher:
             else:
                 score -= UNSEEN
         return (score, places) if score > 0 else None
+
+
+def _joined(paths: Mapping[Individual, Path]) -> list[Individual]:
+    """Return individuals, of which those are one that take turns in the same place."""
+    whole = dict[Individual, Path]()
+    for one, path in sorted(paths.items(), key=lambda item: -len(item[1])):
+        for other, longer in whole.items():
+            if _take_turns(path, longer, max(one.size, other.size)):
+                other.places = one.places | other.places
+                other.confirmed = sorted({*other.confirmed, *one.confirmed})
+                whole[other] = sorted([*path, *longer], key=lambda item: item[0])
+                break
+        else:
+            whole[one] = path
+    return [*whole]
+
+
+def _take_turns(path: Path, longer: Path, size: float) -> bool:
+    """Whether two paths are one body's: seldom at the same time, and each goes on where the other ends."""
+    both = {at_s for at_s, _ in path} & {at_s for at_s, _ in longer}
+    if len(both) > MAX_BOTH * len(path):
+        return False
+    turns = sorted(
+        [(at_s, 0, joints) for at_s, joints in path] + [(at_s, 1, joints) for at_s, joints in longer],
+        key=lambda item: item[:2],
+    )
+    apart = [
+        _apart(joints, others) / (DRIFT + STRIDE * (after_s - before_s))
+        for (before_s, owner, joints), (after_s, next_owner, others) in pairwise(turns)
+        if owner != next_owner and after_s - before_s <= MAX_LOST_S
+    ]
+    return bool(apart) and float(np.median(apart)) < size
 
 
 def merged(seen: Detections, owned: Sequence[int]) -> tuple[Array, Array, Array]:

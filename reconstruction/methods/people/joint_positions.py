@@ -151,12 +151,18 @@ def _start(projections: Array, pixels: Array, variances: Array, seen: Array) -> 
 
 def project(projections: Array, pixels: Array, points: Array) -> tuple[Array, Array, Array]:
     """Return residuals (cameras, n, 2), their Jacobians (cameras, n, 2, 3), and what is ahead of a camera."""
-    homogeneous = np.einsum("cij,nj->cni", projections[..., :3], points) + projections[:, None, :, 3]
-    ahead = homogeneous[..., 2] > 1e-9
-    depth = np.where(ahead, homogeneous[..., 2], 1.0)
-    at = homogeneous[..., :2] / depth[..., None]
+    at, depth = to_pixels(projections, points)
+    ahead = depth > 1e-9
+    at, depth = np.where(ahead[..., None], at, 0.0), np.where(ahead, depth, 1.0)
     jacobian = projections[:, None, :2, :3] - at[..., None] * projections[:, None, 2:, :3]
     return pixels - at, jacobian / depth[..., None, None], ahead
+
+
+def to_pixels(projections: Array, points: Array) -> tuple[Array, Array]:
+    """Return pixels (..., n, 2) and depths (..., n) of points (..., n, 3) by projections (..., 3, 4)."""
+    homogeneous = points @ np.swapaxes(projections[..., :3], -1, -2) + projections[..., None, :, 3]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return homogeneous[..., :2] / homogeneous[..., 2:], homogeneous[..., 2]
 
 
 def radius_95(covariance: Array) -> Array:

@@ -98,9 +98,11 @@ def test_who_is_found_twice_beside_a_poster_is_one() -> None:
     aside, centre = walk(times) + np.array([0.0, 0.0, 0.12]), frames["cam1"].view.centre
     for name, joints in (("cam0", centre + 0.7 * (aside - centre)), ("cam1", aside)):
         pixels = pixels_of(frames[name].view, joints)
+        found = dict(frames[name].joints)
         for k in range(8, len(times)):
             both = np.stack([frames[name].joints[k].pixels[0], pixels[k]])
-            frames[name].joints[k] = FrameJoints(both, np.ones(both.shape[:2]))
+            found[k] = FrameJoints(both, np.ones(both.shape[:2]))
+        frames[name] = frames[name]._replace(joints=found)
     (person,) = finder(frames).at(times).people
     assert np.median(errors_mm(person.positions, walk, times)) < 30
 
@@ -109,7 +111,7 @@ def path(*steps: tuple[float, float]) -> tuple[Individual, Path]:
     """Somebody of 1.7 m at (time, place) of each step, m along an axis."""
     body = np.random.default_rng(0).normal(0, 0.5, (6, 3))
     one = Individual(body, np.zeros(6), 0.0, 1.7, np.zeros(3), confirmed=[round(10 * at) for at, _ in steps])
-    return one, [(at, body + np.array([place, 0, 0])) for at, place in steps]
+    return one, [(at, body + np.array([place, 0, 0]), 1.0) for at, place in steps]
 
 
 def test_individuals_that_take_turns_in_one_place_are_one() -> None:

@@ -78,7 +78,7 @@ def locate(projections: Array, pixels: Array, variances: Array, start: Array | N
     )
 
 
-def locate_with_spread(
+def locate_with_jackknife(
     projections: Array, pixels: Array, variances: Array, start: Array | None = None
 ) -> Positions:
     """Return positions as `locate` does, whose covariance also holds what the cameras disagree about.

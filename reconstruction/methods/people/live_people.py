@@ -13,7 +13,7 @@ from capture_app.common.errors import NotApplicableError
 from reconstruction.common.geometry import Array, View, resize_view
 from reconstruction.methods.people.detector_bias import detector_bias
 from reconstruction.methods.people.joint_positions import (
-    locate_with_spread,
+    locate_with_jackknife,
     pixel_noise,
     radius_95,
     squared_noise,
@@ -129,7 +129,7 @@ class LivePeople:
         noise = pixel_noise(np.array(self._squared), pixels)
         sure = confidence > 0
         variances = (noise * self._magnification / np.where(sure, confidence, 1.0)) ** 2
-        located = locate_with_spread(self._projections, pixels, np.where(sure, variances, np.inf))
+        located = locate_with_jackknife(self._projections, pixels, np.where(sure, variances, np.inf))
         known = located.cameras > 0
         self._squared.extend(squared_noise(located, noise))
         size = float(np.nan_to_num(size_of(located.points[None])[0]))

@@ -13,7 +13,7 @@ from reconstruction.common.geometry import Array, View
 from reconstruction.methods.people.joint_positions import (
     Positions,
     locate,
-    locate_with_spread,
+    locate_with_jackknife,
     pixel_noise,
     radius_95,
     squared_noise,
@@ -224,7 +224,7 @@ class PeopleFinder:
         first = self.locate(seen, noise).points
         near = _running_median(first.reshape(*shape, 3)).reshape(-1, 3)
         lost = np.isnan(self.locate(seen, noise, near).points)
-        found = locate_with_spread(*self._measured(seen, noise), np.where(lost, first, near))
+        found = locate_with_jackknife(*self._measured(seen, noise), np.where(lost, first, near))
         outward = found.points - self.middle
         covariance = found.covariance + self.scale_error**2 * outward[:, :, None] * outward[:, None]
         size = float(np.nanmedian(size_of(found.points.reshape(*shape, 3)))) if found.cameras.any() else 0.0

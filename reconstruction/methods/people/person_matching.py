@@ -164,8 +164,8 @@ class PersonMatcher:
             taken_here = {place for owned in taken[camera].values() for place in owned}
             for one in (self.active[number] for number in sure):
                 joints = one.at(times[camera])
-                for sides in (joints, joints[self.mirror]):
-                    near = self._distances(camera, sides, one.size, seen[camera]) < GATE
+                for again in (joints, joints[self.mirror]):
+                    near = self._distances(camera, again, one.size, seen[camera]) < GATE
                     left -= {*np.flatnonzero(near).tolist()} - taken_here
         weak = [one for number, one in enumerate(self.active) if number not in sure]
         self._begin(seen, free, frames, weak, [self.active[n] for n in sure], now_s)

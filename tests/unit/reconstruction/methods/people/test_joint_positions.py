@@ -5,7 +5,7 @@ import numpy as np
 from benchmarks.people.figure import pixels_of, ring
 from reconstruction.methods.people.joint_positions import (
     locate,
-    locate_with_spread,
+    locate_with_jackknife,
     pixel_noise,
     radius_95,
     squared_noise,
@@ -45,7 +45,7 @@ def test_an_error_holds_the_truth_where_two_of_three_cameras_agree_by_chance() -
     pixels[2] = pixels_of(VIEWS[2], POINTS + 0.5 * ray / np.linalg.norm(ray, axis=1, keepdims=True))
     variances = np.full(pixels.shape[:2], 4.0)
     within = []
-    for located in (locate, locate_with_spread):
+    for located in (locate, locate_with_jackknife):
         found = located(PROJECTIONS[:3], pixels, variances)
         away = np.linalg.norm(found.points - POINTS, axis=1)
         within.append(float((away <= radius_95(found.covariance)).mean()))

@@ -89,6 +89,10 @@ def test_far_instants_are_matched_each_alone() -> None:
     found = finder(frames).at(np.array([0.0, 60.0, 120.0])).people
     assert len(found) == 6
     assert all(np.isfinite(one.error).any(axis=1).sum() == 1 for one in found)
+    for k, at_s in enumerate((0.0, 60.0, 120.0)):
+        now = [one.positions[[k]] for one in found if np.isfinite(one.error[k]).any()]
+        away = [min(errors_mm(joints, who, np.array([at_s])).mean() for who in PAIR) for joints in now]
+        assert max(away) < 30
 
 
 def test_who_is_found_twice_beside_a_poster_is_one() -> None:

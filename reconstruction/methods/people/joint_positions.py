@@ -86,7 +86,7 @@ def locate_with_jackknife(
     It is widened to the variance of the jackknife over all cameras that see a point, also those that
     `locate` left out: where two of three agree by chance, the other pairs are elsewhere.
     """
-    found = locate(projections, pixels, variances, start)
+    located = locate(projections, pixels, variances, start)
     seen = np.isfinite(pixels).all(axis=2) & np.isfinite(variances)
     number, squared = seen.sum(axis=0), np.zeros(pixels.shape[1])
     for camera in range(len(projections)):
@@ -94,22 +94,24 @@ def locate_with_jackknife(
             parts = (np.delete(part, camera, axis=0) for part in (projections, pixels, variances))
             others, their_pixels, their_variances = parts
             moved = locate(others, their_pixels[:, points], their_variances[:, points]).points
-            squared[points] += np.nan_to_num(((moved - found.points[points]) ** 2).sum(axis=1))
+            squared[points] += np.nan_to_num(((moved - located.points[points]) ** 2).sum(axis=1))
     jackknife = squared * (number - 1) / np.maximum(number, 1)
-    ratio = jackknife / np.einsum("nii->n", found.covariance) / np.where(found.cameras < number, 1, JACKKNIFE)
-    return found._replace(covariance=found.covariance * np.maximum(ratio, 1.0)[:, None, None])
+    ratio = (
+        jackknife / np.einsum("nii->n", located.covariance) / np.where(located.cameras < number, 1, JACKKNIFE)
+    )
+    return located._replace(covariance=located.covariance * np.maximum(ratio, 1.0)[:, None, None])
 
 
-def squared_noise(found: Positions, noise: Array) -> Array:
+def squared_noise(located: Positions, noise: Array) -> Array:
     """Return squares (times, joints) of a pixel's error, px, of positions (times x joints) located by a noise
     (joints,); NaN = unknown.
 
     The sum of squares of `c` cameras is chi-squared of 2 c - 3 degrees of freedom; each is relative to its
     median, by Wilson and Hilferty.
     """
-    freedom = np.maximum(2 * found.cameras - 3, 1)
+    freedom = np.maximum(2 * located.cameras - 3, 1)
     expected = freedom * (1 - 2 / (9 * freedom)) ** 3
-    ratio = np.where(found.cameras > 0, found.misfit / expected, np.nan)
+    ratio = np.where(located.cameras > 0, located.misfit / expected, np.nan)
     return np.asarray(ratio.reshape(-1, len(noise)) * noise**2)
 
 
@@ -127,8 +129,8 @@ def pixel_noise(squared: Array, pixels: Array) -> Array:
         return np.full(squared.shape[1], FIRST_NOISE * float(np.median(sizes)) if len(sizes) else 1.0)
     pooled = np.median(squared[known])
     own = [
-        np.median(column[of]) if of.sum() >= MIN_RESIDUALS else pooled
-        for column, of in zip(squared.T, known.T, strict=True)
+        np.median(column[rows]) if rows.sum() >= MIN_RESIDUALS else pooled
+        for column, rows in zip(squared.T, known.T, strict=True)
     ]
     return np.sqrt(np.maximum(own, 1e-6))
 

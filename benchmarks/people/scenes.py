@@ -119,7 +119,8 @@ def draw(
     times = np.arange(0, seconds, 1 / FRAMES_PER_S)
     stays = [_stays(kind, k, rng) for k in range(number)]
     blind = rng.permutation(cameras)[2:].tolist() if kind == "two cameras" else []
-    bodies = rng.normal(0, BIAS, (number, len(JOINTS), 3)) * 1.8
+    heights = np.array([np.ptp(motion(times[:1])[0, :, 2]) for motion in motions])
+    bodies = rng.normal(0, BIAS, (number, len(JOINTS), 3)) * heights[:, None, None]
     frames, shown = dict[str, CameraFrames](), np.zeros((number, len(times), len(JOINTS)), int)
     for camera, view in enumerate(views):
         own_s = times + late * (camera % 2) / FRAMES_PER_S
@@ -134,8 +135,8 @@ def draw(
             ]  # fmt: skip
             detected = seen.of_frame(k, there)
             for one in there:
-                shown[one, k] += np.any([sure > 0.3 for who, _, sure in detected if who == one], axis=0)
-            everybody = [*((pixels, sure) for _, pixels, sure in detected), *odd(k)]
+                shown[one, k] += np.any([joints for who, _, _, joints in detected if who == one], axis=0)
+            everybody = [*((pixels, sure) for _, pixels, sure, _ in detected), *odd(k)]
             order = rng.permutation(len(everybody))
             found[k] = FrameJoints(
                 np.array([everybody[place][0] for place in order]).reshape(-1, len(JOINTS), 2),
@@ -203,11 +204,11 @@ class _Detections:
         # A table hides legs in some cameras.
         self.table = view.height * (rng.uniform(0.5, 0.65) if rng.random() < 0.3 else 2.0)
 
-    def of_frame(self, k: int, there: list[int]) -> list[tuple[int, Floats, Floats]]:
-        """Return (person, pixels, confidences) of all detections of those who are there."""
+    def of_frame(self, k: int, there: list[int]) -> list[tuple[int, Floats, Floats, NDArray[np.bool_]]]:
+        """Return (person, pixels, confidences, whether each joint is seen) of all detections of people."""
         begins = np.array([[MISSES], [SWAPS], [PARTS], [TWICE]])
         self.spells ^= self.rng.random(self.spells.shape) < np.where(self.spells, SPELL, begins)
-        found = list[tuple[int, Floats, Floats]]()
+        found = list[tuple[int, Floats, Floats, NDArray[np.bool_]]]()
         for one in there:
             missed, swapped, parts, twice = self.spells[:, one]
             pixels = self.pixels[one][k]
@@ -231,10 +232,10 @@ class _Detections:
                 noisy, confidence = noisy[MIRRORED], confidence[MIRRORED]
             upper = np.arange(len(JOINTS)) < LEGS
             for part in (upper, ~upper) if parts else (upper | True,):
-                found.append((one, noisy, np.where(part, confidence, 0.0)))
+                found.append((one, noisy, np.where(part, confidence, 0.0), seen & part))
             if twice:
                 again = np.where(self.rng.random(len(JOINTS)) < 0.5, confidence * 0.8, 0.0)
-                found.append((one, noisy + self.rng.normal(0, 2 * NOISE * size, pixels.shape), again))
+                found.append((one, noisy + self.rng.normal(0, 2 * NOISE * size, pixels.shape), again, seen))
         return found
 
     def _behind(self, pixels: Floats, other: int, k: int) -> NDArray[np.bool_]:

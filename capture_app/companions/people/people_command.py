@@ -10,7 +10,7 @@ from capture_app.commands.shared_options import ADDRESS, leader_option, run_unti
 from capture_app.common import system
 from capture_app.common.address import Address
 from capture_app.common.errors import IncompleteError
-from capture_app.common.text import count, duration
+from capture_app.common.text import count
 from capture_app.companions.people.people_streams import LslStream, OscStream, PeopleStream
 from capture_app.console.terminal import FiniteRange, json_option, print_json_line, print_line
 from capture_app.console.usage import examples
@@ -113,8 +113,6 @@ def describe(found: PeoplePreview, times_s: "deque[float]", titles: dict[str, st
     errors = [row[3] for person in found.people for row in person.joints.values()]
     if errors:
         words.append(f"{count(len(errors), 'joint')}, 95 % error {median(errors):.3g} {found.unit}".strip())
-    if len(times_s) > 1:
-        rate = (len(times_s) - 1) / max(times_s[-1] - times_s[0], 1e-3)
-        words.append(f"{rate:.1f} a second, {duration(found.late_ns)} late")
+    words += found.rate_and_delay(times_s)
     words += [f"without {titles.get(name, name)}: {why}" for name, why in sorted(found.absent.items())]
     return "; ".join(words)

@@ -5,11 +5,13 @@ a `DepthPreview` or a `PeoplePreview` before the next is sent.
 """
 
 import struct
+from collections.abc import Sequence
 
 import msgspec
 from msgspec import Struct
 
 from capture_app.common.camera_facts import CameraFacts
+from capture_app.common.text import duration
 
 DEPTH, PEOPLE = "depth", "people"
 WIDTHS_PX = {DEPTH: 320, PEOPLE: 640}
@@ -45,6 +47,13 @@ class LivePicture(Struct, frozen=True):
     """Age of the instant at receipt, added by the receiver; None if the leader's time is unknown."""
     absent: dict[str, str] = {}
     """Cameras that gave no picture of this instant, and why; added by the receiver."""
+
+    def rate_and_delay(self, times_s: Sequence[float]) -> list[str]:
+        """Return, in words, pictures a second by the times (s) of the latest ones, and how late this is."""
+        if len(times_s) < 2:
+            return []
+        rate = (len(times_s) - 1) / max(times_s[-1] - times_s[0], 1e-3)
+        return [f"{rate:.1f} a second, {duration(self.late_ns)} late"]
 
 
 class DepthPreview(LivePicture, frozen=True):

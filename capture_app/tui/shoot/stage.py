@@ -99,9 +99,7 @@ class Stage(ContentSwitcher):
         words = [f"Live · {printable(found.problem) or what}"]
         if not found.problem:
             self._found_s.append(self._record.clock())
-            if len(self._found_s) > 1:
-                rate = (len(self._found_s) - 1) / max(self._found_s[-1] - self._found_s[0], 1e-3)
-                words.append(f"{rate:.1f} a second, {duration(found.late_ns)} late")
+            words += found.rate_and_delay(self._found_s)
         if isinstance(found, DepthPreview) and found.moving_confirmed is not None:
             self._moving.append(found.moving_confirmed)
         if self._moving:

@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 
 from reconstruction.common.geometry import Array
+from reconstruction.methods.people.joint_tracks import size_of
 
 OUTLIER = 4.0
 """Residual, in standard deviations, from which on a camera is left out of a joint."""
@@ -17,6 +18,14 @@ SINGULAR = 1e-12
 """Part of the weights that is added to them, so that one camera alone moves a point across its ray only."""
 QUANTILE_95 = 1.645
 """Of the normal distribution, one-sided."""
+JACKKNIFE = 3.0
+"""Variance by the jackknife, relative to the expected one, from which on it is believed where all cameras
+agree: of three or four cameras it varies itself. On a real film the errors of positions by three and four
+cameras then hold 94 and 95 %, 92 and 94 % without it."""
+FIRST_NOISE = 0.012
+"""Standard deviation of a pixel before residuals show it, relative to the size of the individual."""
+MIN_RESIDUALS = 20
+"""Number of positions from which on a joint has a noise of its own."""
 
 
 class Positions(NamedTuple):
@@ -69,6 +78,63 @@ def locate(projections: Array, pixels: Array, variances: Array, start: Array | N
     )
 
 
+def locate_with_jackknife(
+    projections: Array, pixels: Array, variances: Array, start: Array | None = None
+) -> Positions:
+    """Return positions as `locate` does, whose covariance also holds what the cameras disagree about.
+
+    It is widened to the variance of the jackknife over all cameras that see a point, also those that
+    `locate` left out: where two of three agree by chance, the other pairs are elsewhere.
+    """
+    located = locate(projections, pixels, variances, start)
+    seen = np.isfinite(pixels).all(axis=2) & np.isfinite(variances)
+    number, squared = seen.sum(axis=0), np.zeros(pixels.shape[1])
+    for camera in range(len(projections)):
+        if (points := seen[camera] & (number > 2)).any():
+            parts = (np.delete(part, camera, axis=0) for part in (projections, pixels, variances))
+            others, their_pixels, their_variances = parts
+            moved = locate(others, their_pixels[:, points], their_variances[:, points]).points
+            squared[points] += np.nan_to_num(((moved - located.points[points]) ** 2).sum(axis=1))
+    jackknife = squared * (number - 1) / np.maximum(number, 1)
+    ratio = (
+        jackknife / np.einsum("nii->n", located.covariance) / np.where(located.cameras < number, 1, JACKKNIFE)
+    )
+    return located._replace(covariance=located.covariance * np.maximum(ratio, 1.0)[:, None, None])
+
+
+def squared_noise(located: Positions, noise: Array) -> Array:
+    """Return squares (times, joints) of a pixel's error, px, of positions (times x joints) located by a noise
+    (joints,); NaN = unknown.
+
+    The sum of squares of `c` cameras is chi-squared of 2 c - 3 degrees of freedom; each is relative to its
+    median, by Wilson and Hilferty.
+    """
+    freedom = np.maximum(2 * located.cameras - 3, 1)
+    expected = freedom * (1 - 2 / (9 * freedom)) ** 3
+    ratio = np.where(located.cameras > 0, located.misfit / expected, np.nan)
+    return np.asarray(ratio.reshape(-1, len(noise)) * noise**2)
+
+
+def pixel_noise(squared: Array, pixels: Array) -> Array:
+    """Return the standard deviation (joints,) of a pixel of full confidence, px, by squares (n, joints)
+    of `squared_noise`.
+
+    Medians are robust to outliers. Without any, it is guessed by the size of individuals' pixels
+    (n, joints, 2).
+    """
+    known = np.isfinite(squared)
+    if not known.any():
+        sizes = size_of(pixels)
+        sizes = sizes[np.isfinite(sizes)]
+        return np.full(squared.shape[1], FIRST_NOISE * float(np.median(sizes)) if len(sizes) else 1.0)
+    pooled = np.median(squared[known])
+    own = [
+        np.median(column[rows]) if rows.sum() >= MIN_RESIDUALS else pooled
+        for column, rows in zip(squared.T, known.T, strict=True)
+    ]
+    return np.sqrt(np.maximum(own, 1e-6))
+
+
 def _start(projections: Array, pixels: Array, variances: Array, seen: Array) -> Array:
     """Return the point (n, 3) of the pair of cameras whose residuals in all cameras are least."""
     number = pixels.shape[1]
@@ -87,12 +153,18 @@ def _start(projections: Array, pixels: Array, variances: Array, seen: Array) -> 
 
 def project(projections: Array, pixels: Array, points: Array) -> tuple[Array, Array, Array]:
     """Return residuals (cameras, n, 2), their Jacobians (cameras, n, 2, 3), and what is ahead of a camera."""
-    homogeneous = np.einsum("cij,nj->cni", projections[..., :3], points) + projections[:, None, :, 3]
-    ahead = homogeneous[..., 2] > 1e-9
-    depth = np.where(ahead, homogeneous[..., 2], 1.0)
-    at = homogeneous[..., :2] / depth[..., None]
+    at, depth = to_pixels(projections, points)
+    ahead = depth > 1e-9
+    at, depth = np.where(ahead[..., None], at, 0.0), np.where(ahead, depth, 1.0)
     jacobian = projections[:, None, :2, :3] - at[..., None] * projections[:, None, 2:, :3]
     return pixels - at, jacobian / depth[..., None, None], ahead
+
+
+def to_pixels(projections: Array, points: Array) -> tuple[Array, Array]:
+    """Return pixels (..., n, 2) and depths (..., n) of points (..., n, 3) by projections (..., 3, 4)."""
+    homogeneous = points @ np.swapaxes(projections[..., :3], -1, -2) + projections[..., None, :, 3]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return homogeneous[..., :2] / homogeneous[..., 2:], homogeneous[..., 2]
 
 
 def radius_95(covariance: Array) -> Array:

@@ -12,17 +12,15 @@ from capture_app.common import system
 from capture_app.common.errors import NotApplicableError
 from reconstruction.common.geometry import Array, View, resize_view
 from reconstruction.methods.people.detector_bias import detector_bias
-from reconstruction.methods.people.joint_positions import locate, radius_95
+from reconstruction.methods.people.joint_positions import (
+    locate_with_jackknife,
+    pixel_noise,
+    radius_95,
+    squared_noise,
+)
 from reconstruction.methods.people.joint_tracks import size_of
 from reconstruction.methods.people.keypoints import FrameJoints, load_detector
-from reconstruction.methods.people.people_run import (
-    FIRST_NOISE,
-    MIN_JOINTS,
-    MIN_RESIDUALS,
-    detections_in,
-    expected_residual,
-    projection_of,
-)
+from reconstruction.methods.people.people_run import MIN_JOINTS, detections_in, projection_of
 from reconstruction.methods.people.person_matching import (
     MAX_LOST_S,
     Detections,
@@ -87,7 +85,7 @@ class LivePeople:
         self._numbers = dict[Individual, int]()
         self._last_s, self._steps = -np.inf, 0
         """Time of the last instant, and number of instants since a long pause."""
-        self._squared = deque[Array](maxlen=REMEMBERED)
+        self._squared = deque[Array]([np.full(len(self._bias), np.nan)], maxlen=REMEMBERED)
         """Squares (joints,) of a pixel's error, px, of a camera of median focal length, NaN = unknown."""
 
     def find(self, images: Mapping[str, Array], at_s: float) -> list[PersonNow]:
@@ -128,25 +126,14 @@ class LivePeople:
             if k == step:
                 pixels[camera], confidence[camera], _ = merged(self._seen[camera][k], places)
         person.places.clear()
-        noise = self._noise(pixels)
+        noise = pixel_noise(np.array(self._squared), pixels)
         sure = confidence > 0
         variances = (noise * self._magnification / np.where(sure, confidence, 1.0)) ** 2
-        located = locate(self._projections, pixels, np.where(sure, variances, np.inf))
+        located = locate_with_jackknife(self._projections, pixels, np.where(sure, variances, np.inf))
         known = located.cameras > 0
-        misfit = np.where(known, located.misfit / expected_residual(located.cameras), np.nan)
-        self._squared.append(misfit * noise**2)
+        self._squared.extend(squared_noise(located, noise))
         size = float(np.nan_to_num(size_of(located.points[None])[0]))
         covariance = located.covariance + ((self._bias * size) ** 2)[:, None, None] * np.eye(3)
         error = np.where(known, radius_95(covariance), np.nan)
         positions = np.where(known.mean() >= MIN_JOINTS, located.points, np.nan)
         return PersonNow(self._numbers[person], positions, error)
-
-    def _noise(self, pixels: Array) -> Array:
-        """Return the standard deviation (joints,) of a pixel of full confidence, px; see `PeopleFinder`."""
-        squared = np.array([*self._squared]).reshape(-1, pixels.shape[1])
-        known = np.isfinite(squared)
-        if not known.any():
-            return np.full(pixels.shape[1], FIRST_NOISE * float(np.nanmedian(size_of(pixels))))
-        pooled = np.median(squared[known])
-        own = np.median(np.where(known, squared, pooled), axis=0)
-        return np.asarray(np.sqrt(np.where(known.sum(axis=0) >= MIN_RESIDUALS, own, pooled).clip(1e-6)))

@@ -10,7 +10,14 @@ import numpy as np
 
 from capture_app.common.text import count
 from reconstruction.common.geometry import Array, View
-from reconstruction.methods.people.joint_positions import Positions, locate, radius_95
+from reconstruction.methods.people.joint_positions import (
+    Positions,
+    locate,
+    locate_with_jackknife,
+    pixel_noise,
+    radius_95,
+    squared_noise,
+)
 from reconstruction.methods.people.joint_tracks import (
     MIN_CONFIDENCE,
     PixelsAt,
@@ -26,13 +33,9 @@ from reconstruction.scene.dataset import Dataset
 from reconstruction.time_offsets.camera_time import ImageTimes
 
 SIGMAS_95 = 1.96
-FIRST_NOISE = 0.012
-"""Standard deviation of a pixel before residuals show it, relative to the size of the individual."""
 AROUND = 4
 """Times before and after one whose positions say which cameras to believe."""
 NOISE_ROUNDS = 4
-MIN_RESIDUALS = 20
-"""Number of positions from which on a joint has a noise of its own."""
 MIN_JOINTS = 0.2
 """Fraction of joints that an individual needs at some time."""
 
@@ -191,40 +194,29 @@ class PeopleFinder:
 
     def locate(self, seen: PixelsAt, noise: Array, start: Array | None = None) -> Positions:
         """Locate all joints at all times by a noise (joints,), px, of a camera of median focal length."""
+        return locate(*self._measured(seen, noise), start)
+
+    def _measured(self, seen: PixelsAt, noise: Array) -> tuple[Array, Array, Array]:
+        """Return projections, pixels and their variances, as `locate` takes them."""
         confident = seen.confidence > 0
         detected = seen.noise * (noise * self.magnification / np.where(confident, seen.confidence, 1.0)) ** 2
         late = seen.speed * np.array([one.error_s for one in self.frames])[:, None, None]
         variances = np.where(confident, detected + seen.bend**2 + late**2, np.inf)
         cameras = len(self.frames)
-        return locate(
-            self.projections, seen.pixels.reshape(cameras, -1, 2), variances.reshape(cameras, -1), start
-        )
+        return self.projections, seen.pixels.reshape(cameras, -1, 2), variances.reshape(cameras, -1)
 
     def noise(self, seen: Sequence[PixelsAt]) -> Array:
         """Return the standard deviation (joints,) of a pixel of full confidence, as residuals show it, px.
 
         It is that of a camera of the median focal length; in the others it is in proportion to theirs.
-        The sum of squares of `c` cameras has 2 c - 3 degrees of freedom; medians are robust to outliers.
         """
         joints = len(self.skeleton.joints)
-        sizes = np.concatenate([size_of(one.pixels.reshape(-1, joints, 2)) for one in seen])
-        known = sizes[np.isfinite(sizes)]
-        noise = np.full(joints, FIRST_NOISE * float(np.median(known)) if len(known) else 1.0)
+        pixels = np.concatenate([one.pixels.reshape(-1, joints, 2) for one in seen])
+        noise = pixel_noise(np.full((1, joints), np.nan), pixels)
         for _ in range(NOISE_ROUNDS):
-            ratios = np.concatenate([self._ratios(one, noise) for one in seen])
-            of_joints = [column[np.isfinite(column)] for column in ratios.T]
-            pooled = np.concatenate(of_joints)
-            if not len(pooled):
-                break
-            own = [np.median(one if len(one) >= MIN_RESIDUALS else pooled) for one in of_joints]
-            noise = noise * np.sqrt(np.maximum(own, 1e-6))
+            squared = [squared_noise(self.locate(one, noise), noise) for one in seen]
+            noise = pixel_noise(np.concatenate(squared), pixels)
         return noise
-
-    def _ratios(self, seen: PixelsAt, noise: Array) -> Array:
-        """Return sums of squared residuals (times, joints), relative to their median if `noise` is right."""
-        found = self.locate(seen, noise)
-        ratios = found.misfit / expected_residual(found.cameras)
-        return np.where(found.cameras > 0, ratios, np.nan).reshape(seen.confidence.shape[1:])
 
     def _person(self, seen: PixelsAt, noise: Array) -> Person:
         shape = seen.confidence.shape[1:]
@@ -232,7 +224,7 @@ class PeopleFinder:
         first = self.locate(seen, noise).points
         near = _running_median(first.reshape(*shape, 3)).reshape(-1, 3)
         lost = np.isnan(self.locate(seen, noise, near).points)
-        found = self.locate(seen, noise, np.where(lost, first, near))
+        found = locate_with_jackknife(*self._measured(seen, noise), np.where(lost, first, near))
         outward = found.points - self.middle
         covariance = found.covariance + self.scale_error**2 * outward[:, :, None] * outward[:, None]
         size = float(np.nanmedian(size_of(found.points.reshape(*shape, 3)))) if found.cameras.any() else 0.0
@@ -244,15 +236,6 @@ class PeopleFinder:
 def projection_of(view: View) -> Array:
     """Return a view's projection (3, 4) to pixels without distortion."""
     return np.asarray(view.matrix @ np.column_stack([view.rotation, view.translation]))
-
-
-def expected_residual(cameras: Array) -> Array:
-    """Return the median sum of squared residuals (n,) of a position from so many cameras, if all is right.
-
-    The median of a chi-squared distribution of 2 c - 3 degrees of freedom, by Wilson and Hilferty.
-    """
-    freedom = np.maximum(2 * cameras - 3, 1)
-    return np.asarray(freedom * (1 - 2 / (9 * freedom)) ** 3)
 
 
 def detections_in(view: View, frame: FrameJoints, frame_s: float, row_s: float) -> Detections:

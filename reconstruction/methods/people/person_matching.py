@@ -9,7 +9,7 @@ import re
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import combinations
+from itertools import combinations, pairwise
 from typing import NamedTuple
 
 import cv2
@@ -17,7 +17,7 @@ import numpy as np
 
 from reconstruction.common.geometry import Array
 from reconstruction.methods.people.assignment import assign
-from reconstruction.methods.people.joint_positions import locate
+from reconstruction.methods.people.joint_positions import locate, to_pixels
 from reconstruction.methods.people.joint_tracks import size_of
 
 GATE = 0.1
@@ -39,10 +39,14 @@ MIRRORED = 0.03
 MIN_STEPS, MIN_DENSITY = 6, 0.5
 """Fewest steps at which two cameras show an individual, or half of all, and their least fraction from its
 first to its last: what flickers is nobody."""
+MIN_KNOWN = 0.25
+"""Least fraction of an individual's joints that are located from its first step to its last."""
 MAX_LOST_S = 1.0
 """Time after which an individual that nothing was seen of ends."""
 DRIFT, STRIDE = 0.3, 1.2
 """Largest distance at which an individual is seen again, relative to its size, and its growth a second."""
+MAX_BOTH = 0.5
+"""Largest part of a path's times at which another one of the same individual is seen."""
 NOISE = 0.012
 """Standard deviation of a pixel, relative to an individual's size, by which rays agree."""
 STEP = 0.75
@@ -61,6 +65,8 @@ class Detections(NamedTuple):
     names: tuple[str, ...]
 
 
+Path = list[tuple[float, Array, float]]
+"""Times at which two cameras show an individual, s, its joints (joints, 3) then, and how many are located."""
 Places = dict[tuple[int, int], list[int]]
 """An individual's detections by camera and frame: the best first, then those of its other parts."""
 
@@ -79,11 +85,16 @@ class Individual:
     confirmed: list[int] = field(default_factory=list)
     """Steps at which at least two cameras show it."""
 
-    def is_somebody(self, steps: int) -> bool:
-        """Whether it is more than an agreement by chance, in so many steps without a long pause."""
+    def is_somebody(self, steps: int, known: float = np.inf) -> bool:
+        """Whether it is more than an agreement by chance, in so many steps without a long pause.
+
+        `known` is the sum over steps of the fraction of its joints that were located.
+        """
         number = len(self.confirmed)
         span = self.confirmed[-1] - self.confirmed[0] + 1 if number else 0
-        return number >= max(1, min(MIN_STEPS, steps / 2), MIN_DENSITY * span)
+        return number >= max(1, min(MIN_STEPS, steps / 2), MIN_DENSITY * span) and known >= max(
+            min(MIN_STEPS, steps / 4), MIN_KNOWN * span
+        )
 
     def at(self, time_s: float) -> Array:
         """Return where its joints should be at a time, (joints, 3)."""
@@ -106,14 +117,22 @@ class PersonMatcher:
 
     def match(self, frame_s: Sequence[Array], period_s: float) -> list[Individual]:
         """Return the individuals, by the times (frames,) of each camera's frames, NaN = no frame."""
-        steps = _steps(frame_s, period_s)
+        steps, paths = _steps(frame_s, period_s), dict[Individual, Path]()
         for frames in steps:
-            self.follow(frames, {camera: float(frame_s[camera][k]) for camera, k in frames.items()})
+            times = {camera: float(frame_s[camera][k]) for camera, k in frames.items()}
+            self.follow(frames, times)
+            for one in self.active:
+                if one.confirmed[-1:] == [self.step]:
+                    known = float((one.known_s == one.seen_s).mean())
+                    paths.setdefault(one, []).append((one.seen_s, one.joints.copy(), known))
         begins_s = np.array([min(frame_s[camera][k] for camera, k in frames.items()) for frames in steps])
         take = np.cumsum(np.diff(begins_s, prepend=begins_s[:1]) > MAX_LOST_S)
         long = np.bincount(take)
-        everybody = [one for one in self.ended + self.active if one.confirmed]
-        return [one for one in everybody if one.is_somebody(int(long[take[one.confirmed[0]]]))]
+        return [
+            one
+            for one, path in _joined(paths).items()
+            if one.is_somebody(int(long[take[one.confirmed[0]]]), sum(known for *_, known in path))
+        ]
 
     def follow(self, frames: Mapping[int, int], times: Mapping[int, float]) -> None:
         """Take the next step in time, by each camera's frame and its time."""
@@ -140,6 +159,14 @@ class PersonMatcher:
                 for camera, owned in places.items():
                     free[camera] -= {*owned}
         self._part_bodies(sure, frames)
+        # Who is found a second time, or in part, begins nobody.
+        for camera, left in free.items():
+            taken_here = {place for owned in taken[camera].values() for place in owned}
+            for one in (self.active[number] for number in sure):
+                joints = one.at(times[camera])
+                for again in (joints, joints[self.mirror]):
+                    near = self._distances(camera, again, one.size, seen[camera]) < GATE
+                    left -= {*np.flatnonzero(near).tolist()} - taken_here
         weak = [one for number, one in enumerate(self.active) if number not in sure]
         self._begin(seen, free, frames, weak, [self.active[n] for n in sure], now_s)
         for number, individual in enumerate(self.active[: len(points)]):
@@ -185,7 +212,7 @@ class PersonMatcher:
 
     def _distances(self, camera: int, joints: Array, size: float, seen: Detections) -> Array:
         """Return the mean distances (n,) of joints (joints, 3) from detections, relative to their size."""
-        at, depth = _project(self.projections[camera], joints)
+        at, depth = to_pixels(self.projections[camera], joints)
         known = (seen.confidence > 0) & np.isfinite(at[:, 0]) & (depth > 0)
         scale = size * self.sizes[camera] / np.maximum(np.nanmean(depth), 1e-9)
         distances = np.linalg.norm(np.nan_to_num(at) - np.nan_to_num(seen.pixels), axis=2) / scale
@@ -210,7 +237,7 @@ class PersonMatcher:
                 pixels[camera, row] = merged(seen[camera], owned)[0]
                 # A frame of another time is moved by the whole body's speed.
                 there, then = (
-                    _project(self.projections[camera], one.at(at_s))[0] for at_s in (now_s, times[camera])
+                    to_pixels(self.projections[camera], one.at(at_s))[0] for at_s in (now_s, times[camera])
                 )
                 pixels[camera, row] += np.nan_to_num(there - then)
         return [
@@ -224,7 +251,7 @@ class PersonMatcher:
     def _points(self, pixels: Array, sizes: Array, near: Array) -> Array:
         """Locate the joints (n, joints, 3) of individuals by pixels (cameras, n, joints, 2)."""
         cameras, number, joints = pixels.shape[:3]
-        depths = np.stack([np.nanmean(_project(one, near)[1], axis=1) for one in self.projections])
+        depths = np.stack([np.nanmean(to_pixels(one, near)[1], axis=1) for one in self.projections])
         noise = NOISE * sizes * self.sizes[:, None] / np.maximum(depths, 1e-9)
         variances = np.repeat(noise**2, joints, axis=1)
         return locate(self.projections, pixels.reshape(cameras, -1, 2), variances).points.reshape(
@@ -274,7 +301,7 @@ class PersonMatcher:
                 individual.names[camera] = seen[camera].names[owned[0]]
 
     def _residual(self, camera: int, points: Array, size: float, seen: Detections, owned: list[int]) -> float:
-        at, depth = _project(self.projections[camera], points)
+        at, depth = to_pixels(self.projections[camera], points)
         distances = np.linalg.norm(at - merged(seen, owned)[0], axis=1) * depth / (size * self.sizes[camera])
         known = distances[np.isfinite(distances)]
         return float(np.median(known)) if len(known) else np.inf
@@ -284,7 +311,7 @@ class PersonMatcher:
     ) -> None:
         """Move an individual that one camera alone shows across that camera's view."""
         joints = individual.at(now_s)
-        at, depth = _project(self.projections[camera], joints)
+        at, depth = to_pixels(self.projections[camera], joints)
         distance = np.nanmedian(
             np.where(seen.confidence[place][:, None] > 0, seen.pixels[place] - at, np.nan), axis=0
         )
@@ -370,7 +397,7 @@ class PersonMatcher:
     def _size(self, points: Array, places: Mapping[int, int], seen: Mapping[int, Detections]) -> float:
         """Return an individual's size by all joints of its detections, also those of one camera."""
         depths = {
-            camera: float(np.nanmean(_project(self.projections[camera], points)[1])) for camera in places
+            camera: float(np.nanmean(to_pixels(self.projections[camera], points)[1])) for camera in places
         }
         sizes = [
             _extent(seen[camera].pixels[place]) * depths[camera] / self.sizes[camera]
@@ -400,7 +427,7 @@ class PersonMatcher:
             return None
         score, places = 0.0, dict(pair)
         for camera, one in seen.items():
-            at, depth = _project(self.projections[camera], joints)
+            at, depth = to_pixels(self.projections[camera], joints)
             if not (depth[known] > 0).all():
                 if camera in places:
                     return None
@@ -420,6 +447,37 @@ class PersonMatcher:
             else:
                 score -= UNSEEN
         return (score, places) if score > 0 else None
+
+
+def _joined(paths: Mapping[Individual, Path]) -> dict[Individual, Path]:
+    """Return individuals, of which those are one that take turns in the same place."""
+    whole = dict[Individual, Path]()
+    for one, path in sorted(paths.items(), key=lambda item: -len(item[1])):
+        for other, longer in whole.items():
+            if _take_turns(path, longer, max(one.size, other.size)):
+                other.places = one.places | other.places
+                other.confirmed = sorted({*other.confirmed, *one.confirmed})
+                whole[other] = sorted([*path, *longer], key=lambda item: item[0])
+                break
+        else:
+            whole[one] = path
+    return whole
+
+
+def _take_turns(path: Path, longer: Path, size: float) -> bool:
+    """Whether two paths are one body's: seldom at the same time, and each goes on where the other ends."""
+    if len({at_s for at_s, *_ in path} & {at_s for at_s, *_ in longer}) > MAX_BOTH * len(path):
+        return False
+    turns = sorted(
+        [(at_s, 0, joints) for at_s, joints, _ in path] + [(at_s, 1, joints) for at_s, joints, _ in longer],
+        key=lambda item: item[:2],
+    )
+    apart = [
+        _apart(joints, others) / (DRIFT + STRIDE * (after_s - before_s))
+        for (before_s, owner, joints), (after_s, next_owner, others) in pairwise(turns)
+        if owner != next_owner and after_s - before_s <= MAX_LOST_S
+    ]
+    return bool(apart) and float(np.median(apart)) < size
 
 
 def merged(seen: Detections, owned: Sequence[int]) -> tuple[Array, Array, Array]:
@@ -468,13 +526,6 @@ def _steps(frame_s: Sequence[Array], period_s: float) -> list[dict[int, int]]:
             begin = at_s
         steps[-1][camera] = k
     return steps
-
-
-def _project(projection: Array, points: Array) -> tuple[Array, Array]:
-    """Return pixels (..., 2) and depths (...) of points (..., 3)."""
-    homogeneous = points @ projection[:, :3].T + projection[:, 3]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return homogeneous[..., :2] / homogeneous[..., 2:], homogeneous[..., 2]
 
 
 def _mean_distances(distances: Array, shared: Array) -> Array:

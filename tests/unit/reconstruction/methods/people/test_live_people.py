@@ -78,6 +78,22 @@ def test_a_person_has_one_number_and_errors_that_hold(monkeypatch: pytest.Monkey
     assert 0.92 < np.mean(within[-15:]) < 0.99
 
 
+def test_an_error_of_three_cameras_holds_where_one_sees_a_joint_elsewhere(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    walk, wrist = moving("walk"), SKELETONS["blazepose"].joints.index("left_wrist")
+    frames, rng = take([walk], 3, times_s=TIMES_S), np.random.default_rng(7)
+    for seen in frames["cam2"].joints.values():
+        seen.pixels[0, wrist] += rng.uniform([-150, -20], [150, 20])
+    people, within = live(frames, monkeypatch), []
+    for k, at_s in enumerate(TIMES_S):
+        for one in people.find(images(frames, k), float(at_s)):
+            away = errors(one, walk, at_s)[wrist]
+            within += [away <= one.error[wrist] * 1e3] * bool(np.isfinite(away))
+    assert len(within) > 20
+    assert np.mean(within) > 0.9
+
+
 def test_numbers_stay_and_become_free(monkeypatch: pytest.MonkeyPatch) -> None:
     pair = [moving("walk"), moving("walk", phase=0.5, place=(1.6, 1.0))]
     both, first = take(pair, times_s=TIMES_S), take(pair[:1], times_s=TIMES_S)

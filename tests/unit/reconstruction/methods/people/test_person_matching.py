@@ -7,7 +7,7 @@ from benchmarks.people.figure import Floats, moving, pixels_of, ring, seen_by
 from benchmarks.people.scenes import draw
 from reconstruction.methods.people.keypoints import FrameJoints
 from reconstruction.methods.people.people_run import CameraFrames, PeopleFinder
-from reconstruction.methods.people.person_matching import mirrored
+from reconstruction.methods.people.person_matching import Individual, Path, _joined, mirrored
 from reconstruction.methods.people.skeletons import SKELETONS
 from tests.unit.reconstruction.methods.people.takes import TIMES_S, errors_mm, finder, take
 
@@ -30,7 +30,7 @@ def names_of(frames: dict[str, CameraFrames], exchanged_from: int) -> dict[str, 
     return named
 
 
-@pytest.mark.parametrize("kind", ["crossing", "embrace", "leaving", "mirror"])
+@pytest.mark.parametrize("kind", ["crossing", "embrace", "leaving", "mirror", "poster", "two cameras"])
 def test_no_more_people_than_pictures_allow_never_two_on_a_body_and_each_detection_once(kind: str) -> None:
     scene = draw(kind, 3, 2, 1, seconds=1.0)
     people = PeopleFinder(scene.frames, SKELETON, 1 / 30)
@@ -89,6 +89,44 @@ def test_far_instants_are_matched_each_alone() -> None:
     found = finder(frames).at(np.array([0.0, 60.0, 120.0])).people
     assert len(found) == 6
     assert all(np.isfinite(one.error).any(axis=1).sum() == 1 for one in found)
+    for k, at_s in enumerate((0.0, 60.0, 120.0)):
+        now = [one.positions[[k]] for one in found if np.isfinite(one.error[k]).any()]
+        away = [min(errors_mm(joints, who, np.array([at_s])).mean() for who in PAIR) for joints in now]
+        assert max(away) < 30
+
+
+def test_who_is_found_twice_beside_a_poster_is_one() -> None:
+    walk, times = moving("walk"), TIMES_S[:30]
+    frames = take([walk], cameras=3, times_s=times)
+    # From frame 8 on, the second detection in cam1 and the poster in cam0 agree on somebody nearer to cam1.
+    aside, centre = walk(times) + np.array([0.0, 0.0, 0.12]), frames["cam1"].view.centre
+    for name, joints in (("cam0", centre + 0.7 * (aside - centre)), ("cam1", aside)):
+        pixels = pixels_of(frames[name].view, joints)
+        found = dict(frames[name].joints)
+        for k in range(8, len(times)):
+            both = np.stack([frames[name].joints[k].pixels[0], pixels[k]])
+            found[k] = FrameJoints(both, np.ones(both.shape[:2]))
+        frames[name] = frames[name]._replace(joints=found)
+    (person,) = finder(frames).at(times).people
+    assert np.median(errors_mm(person.positions, walk, times)) < 30
+
+
+def path(*steps: tuple[float, float]) -> tuple[Individual, Path]:
+    """Somebody of 1.7 m at (time, place) of each step, m along an axis."""
+    body = np.random.default_rng(0).normal(0, 0.5, (6, 3))
+    one = Individual(body, np.zeros(6), 0.0, 1.7, np.zeros(3), confirmed=[round(10 * at) for at, _ in steps])
+    return one, [(at, body + np.array([place, 0, 0]), 1.0) for at, place in steps]
+
+
+def test_individuals_that_take_turns_in_one_place_are_one() -> None:
+    first = path(*[(k / 10, 0.1 * k) for k in range(10) if k not in (4, 5, 6)])
+    again = path(*[(k / 10, 0.1 * k + 0.05) for k in (4, 5, 6)])
+    (one,) = _joined(dict([first, again]))
+    assert one.confirmed == [*range(10)]
+    beside = path(*[(k / 10, 0.1 * k + 0.5) for k in range(10)])
+    elsewhere = path(*[(k / 10, 3.0) for k in (4, 5, 6)])
+    later = path((4.0, 0.9))
+    assert len(_joined(dict([first, beside, elsewhere, later]))) == 4
 
 
 def test_sides_are_told_by_names() -> None:

@@ -1,4 +1,4 @@
-"""A screen is known by pictures that it shows twice; bodies, and a camera that repeats images, are none."""
+"""A screen is known by pictures shown twice, or by its corners; bodies and stalling cameras are none."""
 
 from typing import cast
 
@@ -9,7 +9,7 @@ from reconstruction.common.geometry import Array
 from reconstruction.scene.dataset import Dataset
 from reconstruction.time_offsets.screens import find_screen
 from tests.unit.reconstruction.conftest import texture
-from tests.unit.reconstruction.time_offsets.test_repetition import Drawn, Film, walker
+from tests.unit.reconstruction.time_offsets.test_repetition import Drawn, Film, disc, walker
 
 LEFT, TOP, WIDE, HIGH = 20, 15, 56, 48
 
@@ -33,9 +33,26 @@ class Repeating(Film):
         return super().grey(camera, instant - (instant % 4 == 3))
 
 
-@pytest.mark.parametrize("rate_hz", [40.0, 25.0, 60.0 / 1.6])
-def test_a_screen_of_another_rate_is_found_where_it_is(rate_hz: float) -> None:
-    screen = find_screen(cast("Dataset", Film(television(rate_hz), walker)), "a")
+def passer(image: Array, instant: int) -> None:
+    """Draw a plain board that passes before the screen's lower edge."""
+    left = LEFT - 10 + instant
+    image[TOP + 20 : TOP + 80, left : left + 14] = 100
+
+
+def slow_board(image: Array, instant: int) -> None:
+    """Draw a board that moves by a pixel from image to image."""
+    image[30 : 30 + HIGH, 20 + instant : 20 + instant + WIDE] = texture(9)[60 : 60 + HIGH, 60 : 60 + WIDE]
+
+
+def conveyor(image: Array, instant: int) -> None:
+    """Draw a train whose ends are not in the picture."""
+    image[40:90] = texture(9)[40:90, 4 * instant : 4 * instant + 200]
+
+
+@pytest.mark.parametrize("rate_hz", [40.0, 25.0, 60.0 / 1.6, 50.0, 100.0])
+@pytest.mark.parametrize("beside", [walker, passer])
+def test_a_screen_is_found_where_it_is(rate_hz: float, beside: Drawn) -> None:
+    screen = find_screen(cast("Dataset", Film(television(rate_hz), beside)), "a")
     inside = np.zeros_like(screen)
     inside[TOP : TOP + HIGH, LEFT : LEFT + WIDE] = True
     assert screen[inside].mean() > 0.9
@@ -48,7 +65,10 @@ def test_a_screen_of_another_rate_is_found_where_it_is(rate_hz: float) -> None:
         Film(walker),
         Film(),
         Film(television(40.0), walker, count=3),
-        Film(television(50.0), walker),
+        Film(slow_board),
+        Film(slow_board, count=14),
+        Film(disc(1 / 12)),
+        Film(conveyor),
         Repeating(walker, television(50.0)),
     ],
 )

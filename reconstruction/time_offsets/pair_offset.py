@@ -294,12 +294,14 @@ class PairOffsets:
     def _limited(self, fit: OffsetFit, cameras: tuple[str, str]) -> OffsetFit:
         """Return a fit with the shifts of cameras that were moved, and with the period of what repeats."""
         moved = {camera: text for camera in cameras if (text := self._rest(camera)[1])}
-        screens = [camera for camera in cameras if fit.offset_ms is None and self._screen(camera).any()]
-        reason = fit.reason + (f" beside the screen that {' and '.join(screens)} shows" if screens else "")
+        screens = tuple(camera for camera in cameras if self._screen(camera).any())
         if fit.offset_ms is None:
-            return replace(fit, moved=moved, reason=reason)
+            beside = (
+                f" beside the screen that {' and '.join(screens)} {'shows' if len(screens) == 1 else 'show'}"
+            )
+            return replace(fit, moved=moved, reason=fit.reason + beside * bool(screens))
         repeats_ms = max(map(self._repetition, cameras)) or self._turning_ms(cameras[0], fit)
-        return replace(fit, moved=moved, repeats_ms=repeats_ms)
+        return replace(fit, moved=moved, screens=screens, repeats_ms=repeats_ms)
 
     def _turning_ms(self, camera: str, fit: OffsetFit) -> float:
         """Return the time of a whole turn if nearly all that moves turns evenly; 0 if not.

@@ -6,10 +6,16 @@ import numpy as np
 import pytest
 
 from reconstruction.common.geometry import Array
+from reconstruction.common.templates import render_lines
+from reconstruction.method.timing import judge_timing
+from reconstruction.report.findings import sentences
 from reconstruction.scene.dataset import Dataset
+from reconstruction.time_offsets.crossings import InstantOffset, OffsetFit
+from reconstruction.time_offsets.rig_offsets import adjust_offsets, with_changes
 from reconstruction.time_offsets.screens import find_screen
+from reconstruction.time_offsets.session_offsets import TimeResult
 from tests.unit.reconstruction.conftest import texture
-from tests.unit.reconstruction.time_offsets.test_repetition import Drawn, Film, disc, walker
+from tests.unit.reconstruction.time_offsets.test_repetition import PERIOD_MS, Drawn, Film, disc, walker
 
 LEFT, TOP, WIDE, HIGH = 20, 15, 56, 48
 
@@ -74,3 +80,17 @@ def test_a_screen_is_found_where_it_is(rate_hz: float, beside: Drawn) -> None:
 )
 def test_bodies_and_a_camera_that_repeats_images_are_no_screen(film: Film) -> None:
     assert not find_screen(cast("Dataset", film), "a").any()
+
+
+@pytest.mark.parametrize(("screens", "words"), [(("L",), "L shows"), (("L", "R"), "L and R show"), ((), "")])
+def test_both_commands_say_which_screens_they_leave_out(screens: tuple[str, ...], words: str) -> None:
+    instants = tuple(InstantOffset(k, 8.0, 0.5, 20) for k in range(6))
+    fit = OffsetFit(8.0, 0.3, instants=instants, screens=screens)
+    timing = judge_timing(("L", "R"), fit, 0.0, PERIOD_MS)
+    measured = {("L", "R"): fit}
+    cameras = with_changes(adjust_offsets("LR", "L", measured), measured, PERIOD_MS)
+    result = TimeResult(session="s", reference="L", cameras=cameras, calibration="", seconds=1)
+    lines = render_lines("times.txt", "reconstruction.commands", result=result)
+    for text in sentences("timing.txt", timing=timing), "\n".join(lines):
+        assert ("the screen that" in text) == bool(screens)
+        assert not screens or f"the screen that {words} is left out" in text

@@ -34,7 +34,7 @@ from reconstruction.scene.dataset import Dataset
 from reconstruction.scene.scene import Scene
 from reconstruction.time_offsets.pair_offset import PairOffsets
 
-STRIPS = 25
+STRIPS = 10
 """Parts of an image with a rolling shutter that are painted one after the other."""
 READOUTS_MS = {
     "opposite rows": (25.0, -25.0),

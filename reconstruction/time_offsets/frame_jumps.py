@@ -23,7 +23,7 @@ BLUR_PX = 1.5
 NOISES = 6.0
 """Multiple of the median difference between two images that is taken as their noise."""
 CLEARER_OUTSIDE = 0.5
-"""Maximum misfit of a place outside the range, relative to the best one inside."""
+"""Maximum misfit of a place outside the range, or of no step, relative to the best place inside."""
 CLEARER = 0.9
 """Maximum misfit (1 minus the correlation) of another place, relative to a step's own, to move there."""
 
@@ -37,6 +37,8 @@ def image_change(before: Array, image: Array) -> float:
 
 def place_step(step: Step, first: Mapping[int, float], second: Mapping[int, float], shift: int = 0) -> Step:
     """Return the step at the place in or beside its range where the second camera's changes fit best.
+
+    A step of no frames if they fit far better without one: then none was dropped or repeated.
 
     `first`, `second`: each camera's `image_change` by instant, around the step. `shift`: frames by which the
     second camera is later before the step.
@@ -60,6 +62,8 @@ def place_step(step: Step, first: Mapping[int, float], second: Mapping[int, floa
     best, other = (min(places, key=misfits.__getitem__) for places in (inside, beside))
     if misfits[other] < CLEARER_OUTSIDE * misfits[best]:
         best = other
+    if misfit(max(near, default=0) + 1) < CLEARER_OUTSIDE * misfits[best] < np.inf:
+        return structs.replace(step, frames=0)
     if misfits[best] >= CLEARER * misfits[step.instant]:
         return step
     earliest, latest = min(step.earliest, best), max(step.latest, best)

@@ -335,6 +335,9 @@ class PairOffsets:
             first, second = (self._changes(camera, around) for camera in cameras)
             steps.append(place_step(step, first, second, shift))
             shift += step.frames
+        if not all(step.frames for step in steps):
+            story = fit.change.describe(*cameras[::-1])
+            return OffsetFit(reason=f"{story} by what moves, but its own pictures show no such gap")
         return replace(fit, change=structs.replace(fit.change, steps=tuple(steps)))
 
     def _changes(self, camera: str, instants: Iterable[int]) -> dict[int, float]:

@@ -75,10 +75,8 @@ def _find_framed(changes: Array) -> Array:
             down, right = np.argwhere(within == within.max())[0]
             inside[turn][:down], inside[turn][:, :right] = False, False
             corners += 1
-    left, top, wide, high = cv2.boundingRect(inside.astype(np.uint8)) if corners > 1 else (0, 0, 0, 0)
-    inside[:] = False
-    inside[top : top + high, left : left + wide] = True
-    return np.asarray(inside[EDGE_PX:-EDGE_PX, EDGE_PX:-EDGE_PX])
+    framed = np.logical_and.outer(inside.any(axis=1), inside.any(axis=0)) & (corners > 1)
+    return np.asarray(framed[EDGE_PX:-EDGE_PX, EDGE_PX:-EDGE_PX])
 
 
 def _within_corner(always: Array, ever: Array) -> Array:

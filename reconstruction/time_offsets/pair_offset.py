@@ -296,10 +296,8 @@ class PairOffsets:
         moved = {camera: text for camera in cameras if (text := self._rest(camera)[1])}
         screens = tuple(camera for camera in cameras if self._screen(camera).any())
         if fit.offset_ms is None:
-            beside = (
-                f" beside the screen that {' and '.join(screens)} {'shows' if len(screens) == 1 else 'show'}"
-            )
-            return replace(fit, moved=moved, reason=fit.reason + beside * bool(screens))
+            beside = f" beside the screen in the pictures of {' and '.join(screens)}" if screens else ""
+            return replace(fit, moved=moved, reason=fit.reason + beside)
         repeats_ms = max(map(self._repetition, cameras)) or self._turning_ms(cameras[0], fit)
         return replace(fit, moved=moved, screens=screens, repeats_ms=repeats_ms)
 

@@ -34,11 +34,11 @@ def find_screen(dataset: Dataset, camera: str) -> Array:
         return np.zeros((height, width), bool)
     changes = np.abs(np.diff(images, axis=0))
     changes = np.maximum(changes - NOISES * np.median(changes), 0)
-    screens = (
-        cv2.resize(seen.astype(np.uint8), (width, height), interpolation=cv2.INTER_NEAREST) > 0
-        for seen in (_find_stalling(changes), _find_framed(changes))
+    stalling, framed = (
+        cv2.resize(np.uint8(find(changes)), (width, height), interpolation=cv2.INTER_NEAREST) > 0
+        for find in (_find_stalling, _find_framed)
     )
-    return np.asarray(np.any([*screens], axis=0))
+    return np.asarray(stalling | framed)
 
 
 def _find_stalling(changes: Array) -> Array:
@@ -61,10 +61,7 @@ def _find_stalling(changes: Array) -> Array:
 
 def _find_framed(changes: Array) -> Array:
     """Return the rectangle (bool) of changes (t, h, w) that go on between two or more corners at rest."""
-    third = len(changes) // 3
-    parts = [
-        (part > MIN_CHANGE).mean(axis=0, dtype=np.float32) for part in (changes[:third], changes[-third:])
-    ]
+    parts = [part.mean(axis=0, dtype=np.float32) for part in np.array_split(changes > MIN_CHANGE, 3)[::2]]
     always = np.pad(np.minimum(*parts), EDGE_PX)
     # What goes on beyond the picture's border is not known.
     ever = np.pad(np.maximum(*parts), EDGE_PX, constant_values=1)

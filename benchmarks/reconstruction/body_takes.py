@@ -34,8 +34,8 @@ from reconstruction.scene.dataset import Dataset
 from reconstruction.scene.scene import Scene
 from reconstruction.time_offsets.pair_offset import PairOffsets
 
-STRIPS = 10
-"""Parts of an image with a rolling shutter that are painted one after the other."""
+STRIPS, SHOTS = 10, 5
+"""Parts of an image with a rolling shutter, and of a long exposure, that are painted one after the other."""
 READOUTS_MS = {
     "opposite rows": (25.0, -25.0),
     "unequal rows": (25.0, 8.0),
@@ -66,7 +66,8 @@ class Room(Stage):
     """Turns in a second of boards, by their seeds."""
     waves: dict[int, float] = field(default_factory=dict)
     """Height of waves that travel over boards, as a fraction of their size, by their seeds."""
-    light: Callable[[float], float] = lambda time_s: 1.0
+    light: Callable[[Array], Array] = np.ones_like
+    """How bright a lamp is at times in s."""
 
     def look(self, view: View, time_s: float, noise: np.random.Generator) -> Array:
         """Return the grey image (uint8) of a camera at a time."""
@@ -84,7 +85,6 @@ class Room(Stage):
             picture = self._mirrored(picture, view, self.mirror, moving, time_s)
         for board in sorted(moving, key=lambda one: -one.corner[2]):
             picture = self._over(picture, view, board, time_s)
-        picture *= self.light(time_s)
         return np.asarray(np.clip(np.rint(picture + noise.normal(0, 1.2, picture.shape)), 0, 255), np.uint8)
 
     def _over(
@@ -265,8 +265,8 @@ def room_of(kind: str, seed: int) -> Room:
         for board in person(rng, number + 100 + 10 * k)
     ]
     water = Board((-3.0, 0.5, 4.2), (6.0, 0, 0), (0, 1.6, 0), number + 80, lambda t: (0.0, 0.0, 0.0))
-    mains = lambda t: 1 + 0.25 * float(np.sin(2 * np.pi * 100 * t))  # noqa: E731
-    lamp = lambda t: 1 + 0.3 * float(np.sin(2 * np.pi * 13.7 * t) > 0)  # noqa: E731
+    mains = lambda t: 1 + 0.25 * np.sin(2 * np.pi * 100 * t)  # noqa: E731
+    lamp = lambda t: 1 + 0.3 * (np.sin(2 * np.pi * 13.7 * t) > 0)  # noqa: E731
     train = Board((-12.0, -0.9, 4.8), (30.0, 0, 0), (0, 1.3, 0), number + 70, lambda t: (2.0 * t, 0.0, 0.0))
     stage = Room([*boards, *people], texels_per_m=110.0, show=show)
     kinds: dict[str, dict[str, Any]] = {
@@ -374,23 +374,21 @@ def session_of(kind: str, seed: int, late_ms: float, cache: Path) -> Path:
 
 
 def filmed(
-    stage: Stage, view: View, at_ms: float, readout_ms: float, exposure_ms: float, rng: np.random.Generator
+    stage: Room, view: View, at_ms: float, readout_ms: float, exposure_ms: float, rng: np.random.Generator
 ) -> Array:
-    """Return an image with these times from its first row to its last, and from shutter to shutter."""
-    parts, strips, shots = [], STRIPS if readout_ms else 1, 5 if exposure_ms else 1
-    for part in range(strips):
-        row_ms = ((part + 0.5) / strips - 0.5) * readout_ms
-        seen = np.mean(
-            [
-                stage.look(
-                    view, 0.05 + (at_ms + row_ms + ((shot + 0.5) / shots - 0.5) * exposure_ms) / 1e3, rng
-                )
-                for shot in range(shots)
-            ],
-            axis=0,
-        ).astype(np.uint8)
-        parts.append(seen[part * view.height // strips : (part + 1) * view.height // strips])
-    return np.concatenate(parts)
+    """Return an image with these times from its first row to its last, and from shutter to shutter.
+
+    Rows are painted in strips; each has a light of its own.
+    """
+    parts, strips, shots = [], STRIPS if readout_ms else 1, SHOTS if exposure_ms else 1
+    for strip in range(strips):
+        row_ms = ((strip + 0.5) / strips - 0.5) * readout_ms
+        times_ms = (at_ms + row_ms + ((shot + 0.5) / shots - 0.5) * exposure_ms for shot in range(shots))
+        seen = np.mean([stage.look(view, 0.05 + ms / 1e3, rng) for ms in times_ms], axis=0)
+        parts.append(seen[strip * view.height // strips : (strip + 1) * view.height // strips])
+    rows_ms = at_ms + np.linspace(-0.5, 0.5, view.height) * readout_ms
+    light = stage.light(0.05 + rows_ms / 1e3)[:, None]
+    return np.asarray(np.clip(np.rint(np.concatenate(parts) * light), 0, 255), np.uint8)
 
 
 def measure(session: Path) -> Timing:
@@ -432,6 +430,9 @@ def main() -> None:
                         "false story": bool(timing.change),
                     }
                     sums.update([words, *(fault for fault, holds in faults.items() if holds)])
+                    sums.update(
+                        {"numbers": known, "bars that hold": known and off_ms <= (timing.uncertainty_ms or 0)}
+                    )
                     said = f"{timing.late_ms:+.2f} ± {timing.uncertainty_ms:.2f}" if known else "-"
                     wrong = " ".join(fault.upper() for fault, holds in faults.items() if holds)
                     rows.append(

@@ -23,7 +23,7 @@ BLUR_PX = 1.5
 NOISES = 6.0
 """Multiple of the median difference between two images that is taken as their noise."""
 CLEARER_OUTSIDE = 0.5
-"""Maximum misfit of a place outside the range, or of no step, relative to the best place inside."""
+"""Maximum misfit of a place outside the range, relative to the best one inside."""
 CLEARER = 0.9
 """Maximum misfit (1 minus the correlation) of another place, relative to a step's own, to move there."""
 
@@ -58,12 +58,12 @@ def place_step(step: Step, first: Mapping[int, float], second: Mapping[int, floa
             return np.inf
         return 1 - float(np.corrcoef(changes)[0, 1])
 
+    if misfit(max(near, default=0) + 1) < CLEARER_OUTSIDE * min(map(misfit, beside)) < np.inf:
+        return structs.replace(step, frames=0)
     misfits = {place: misfit(place) for place in {*inside, *beside, step.instant}}
     best, other = (min(places, key=misfits.__getitem__) for places in (inside, beside))
     if misfits[other] < CLEARER_OUTSIDE * misfits[best]:
         best = other
-    if misfit(max(near, default=0) + 1) < CLEARER_OUTSIDE * misfits[best] < np.inf:
-        return structs.replace(step, frames=0)
     if misfits[best] >= CLEARER * misfits[step.instant]:
         return step
     earliest, latest = min(step.earliest, best), max(step.latest, best)

@@ -65,7 +65,7 @@ def _find_framed(changes: Array) -> Array:
     always = np.pad(np.minimum(*parts), EDGE_PX)
     # What goes on beyond the picture's border is not known.
     ever = np.pad(np.maximum(*parts), EDGE_PX, constant_values=1)
-    inside, corners = cv2.morphologyEx(always, cv2.MORPH_OPEN, np.ones((5, 5))) > 0.5, 0
+    inside, corners = cv2.morphologyEx(always + ever, cv2.MORPH_OPEN, np.ones((5, 5))) > 1, 0
     for turn in np.s_[::1, ::1], np.s_[::1, ::-1], np.s_[::-1, ::1], np.s_[::-1, ::-1]:
         within = _within_corner(always[turn], ever[turn])
         if within.max() >= MIN_WITHIN:

@@ -17,7 +17,7 @@ from reconstruction.common.worker_pool import computed_once
 from reconstruction.scene.calibration.consistency import fit_one_plane
 from reconstruction.scene.conditions import evenly_spaced
 from reconstruction.scene.instant_choice import choose_moving_instants
-from reconstruction.scene.moving_pixels import MIN_STILL, find_shifts, measure_camera_motion
+from reconstruction.scene.moving_pixels import MIN_STILL, find_shifts, in_light_of, measure_camera_motion
 from reconstruction.scene.pairs import FAINT_CONTRAST, detect_features, match_at_rest
 from reconstruction.scene.scene import Scene
 from reconstruction.time_offsets.camera_time import ImageTimes
@@ -408,7 +408,11 @@ class PairOffsets:
         points = detect_features(image[part], MAX_SIDE_PX, MAX_POINTS, FAINT_CONTRAST, allowed=moving[part])
         at, raw = points.positions + corner, points.descriptors
         roots = np.sqrt(raw / np.maximum(raw.sum(1, keepdims=True), 1e-7))
-        others = (None if k is None else data.grey(camera, k) for k in self._neighbours(camera, instant))
+        # Points are lost in a lamp's flicker and in bands of mains light.
+        others = (
+            None if k is None else in_light_of(image, data.grey(camera, k)).astype(np.uint8)
+            for k in self._neighbours(camera, instant)
+        )
         before, after = (_follow(image, other, at) for other in others)
         return roots, np.stack([before, at, after])
 

@@ -176,13 +176,15 @@ class Comparison:
         shown = [k for k, _ in evenly_spaced(offset.pairs if offset else (), 4)]
         self.known["moving_share"] = self.context.compared.moving_share(shown)
         progress.step("calibration")
+        for judged in filter(None, (self.against, self.context.compared)):
+            if judged.given is not None and judged.check.by_lenses and not judged.check.holds:
+                raise BadInputError(
+                    f"the calibration of {judged.dataset.name} does not hold for its pictures: "
+                    f"{judged.check}",
+                    hint=f"calibrate again: reconstruct calibrate {judged.dataset.session.folder} --replace",
+                )
         if not scene.problem:
             check = self.context.compared.check
-            if scene.given is not None and check.by_lenses and not check.holds:
-                raise BadInputError(
-                    f"the calibration of {scene.dataset.name} does not hold for its pictures: {check}",
-                    hint="calibrate the rig again: reconstruct calibrate SESSION --replace",
-                )
             px = None if check.error_px is None else round(check.error_px, 3)
             self.known |= {"rest_error_px": px, "rest_points": check.points}
         progress.step("choosing cameras")

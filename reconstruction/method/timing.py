@@ -157,6 +157,7 @@ def measure_rig_timing(offsets: PairOffsets, pair: tuple[str, str] | None) -> "S
             repeats_ms=offset.images.repeats_ms,
             rows_ms=offset.images.rows_ms,
             moved=dict(zip([name], offset.images.moved, strict=False)),
+            screens=offset.images.screens,
         )
         both = reference, name
         own = [measured[two].offset_ms for two in (both, both[::-1]) if two in measured]
@@ -224,6 +225,7 @@ def judge_timing(
             repeats_ms=fit.repeats_ms,
             rows_ms=fit.rows_ms,
             moved=tuple(fit.moved.values()),
+            screens=fit.screens,
         ),
     )
     if fit.offset_ms is None or fit.sd_ms is None:

@@ -264,6 +264,8 @@ class OffsetFit:
     """How much later the second camera is at the last row than at the middle one, whose offset this is."""
     moved: Mapping[str, str] = field(default_factory=dict)
     """Cameras that were moved during the take, and how, in words; only a part of it is measured."""
+    screens: tuple[str, ...] = ()
+    """Cameras that show a screen, which is left out."""
 
     @property
     def examined(self) -> int:

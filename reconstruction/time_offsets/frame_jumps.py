@@ -39,6 +39,8 @@ def image_change(before: Array, image: Array) -> float:
 def place_step(step: Step, first: Mapping[int, float], second: Mapping[int, float], shift: int = 0) -> Step:
     """Return the step at the place in or beside its range where the second camera's changes fit best.
 
+    A step of no frames if they fit far better without one: then none was dropped or repeated.
+
     `first`, `second`: each camera's `image_change` by instant, around the step. `shift`: frames by which the
     second camera is later before the step.
     """
@@ -57,6 +59,8 @@ def place_step(step: Step, first: Mapping[int, float], second: Mapping[int, floa
             return np.inf
         return 1 - float(np.corrcoef(changes)[0, 1])
 
+    if misfit(max(near, default=0) + 1) < CLEARER_OUTSIDE * min(map(misfit, beside)) < np.inf:
+        return structs.replace(step, frames=0)
     misfits = {place: misfit(place) for place in {*inside, *beside, step.instant}}
     best, other = (min(places, key=misfits.__getitem__) for places in (inside, beside))
     if misfits[other] < CLEARER_OUTSIDE * misfits[best]:

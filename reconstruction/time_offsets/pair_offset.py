@@ -17,7 +17,7 @@ from reconstruction.common.worker_pool import computed_once
 from reconstruction.scene.calibration.consistency import fit_one_plane
 from reconstruction.scene.conditions import evenly_spaced
 from reconstruction.scene.instant_choice import choose_moving_instants
-from reconstruction.scene.moving_pixels import MIN_STILL, find_shifts, measure_camera_motion
+from reconstruction.scene.moving_pixels import MIN_STILL, find_shifts, in_light_of, measure_camera_motion
 from reconstruction.scene.pairs import FAINT_CONTRAST, detect_features, match_at_rest
 from reconstruction.scene.scene import Scene
 from reconstruction.time_offsets.camera_time import MAX_OFFSET_MS, ImageTimes
@@ -273,12 +273,12 @@ class PairOffsets:
     def _limited(self, fit: OffsetFit, cameras: tuple[str, str]) -> OffsetFit:
         """Return a fit with the shifts of cameras that were moved, and with the period of what repeats."""
         moved = {camera: text for camera in cameras if (text := self._rest(camera)[1])}
-        screens = [camera for camera in cameras if fit.offset_ms is None and self._screen(camera).any()]
-        reason = fit.reason + (f" beside the screen that {' and '.join(screens)} shows" if screens else "")
+        screens = tuple(camera for camera in cameras if self._screen(camera).any())
         if fit.offset_ms is None:
-            return replace(fit, moved=moved, reason=reason)
+            beside = f" beside the screen in the pictures of {' and '.join(screens)}" if screens else ""
+            return replace(fit, moved=moved, reason=fit.reason + beside)
         repeats_ms = max(map(self._repetition, cameras)) or self._turning_ms(cameras[0], fit)
-        return replace(fit, moved=moved, repeats_ms=repeats_ms)
+        return replace(fit, moved=moved, screens=screens, repeats_ms=repeats_ms)
 
     def _turning_ms(self, camera: str, fit: OffsetFit) -> float:
         """Return the time of a whole turn if nearly all that moves turns evenly; 0 if not.
@@ -312,6 +312,9 @@ class PairOffsets:
             first, second = (self._changes(camera, around) for camera in cameras)
             steps.append(place_step(step, first, second, shift))
             shift += step.frames
+        if not all(step.frames for step in steps):
+            story = fit.change.describe(*cameras[::-1])
+            return OffsetFit(reason=f"{story} by what moves, but its own pictures show no such gap")
         return replace(fit, change=structs.replace(fit.change, steps=tuple(steps)))
 
     def _changes(self, camera: str, instants: Iterable[int]) -> dict[int, float]:
@@ -386,7 +389,11 @@ class PairOffsets:
         points = detect_features(image[part], 960, 400, FAINT_CONTRAST, allowed=moving[part])
         at, raw = points.positions + corner, points.descriptors
         roots = np.sqrt(raw / np.maximum(raw.sum(1, keepdims=True), 1e-7))
-        others = (None if k is None else data.grey(camera, k) for k in self._neighbours(camera, instant))
+        # Points are lost in a lamp's flicker and in bands of mains light.
+        others = (
+            None if k is None else in_light_of(image, data.grey(camera, k)).astype(np.uint8)
+            for k in self._neighbours(camera, instant)
+        )
         before, after = (_follow(image, other, at) for other in others)
         return roots, np.stack([before, at, after])
 

@@ -160,6 +160,7 @@ def _single(
         period_ms=period_ms,
         repeats_ms=min(fit.repeats_ms for fit in its.values()),
         moved=moved,
+        screens=tuple(sorted({camera for fit in its.values() for camera in fit.screens})),
     )
     return {"jitter_ms": jitter_ms or None, "images": images}
 

@@ -42,6 +42,8 @@ class SingleImages(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """How much later the last row is than the middle one, against those of the other camera."""
     moved: tuple[str, ...] = ()
     """Which cameras were moved during the take, and how: only a part of it was measured."""
+    screens: tuple[str, ...] = ()
+    """Cameras that show a screen, which was left out, as it has times of its own."""
 
     @property
     def span(self) -> str:
@@ -59,7 +61,7 @@ class SingleImages(Struct, frozen=True, kw_only=True, omit_defaults=True):
             by_size.setdefault(_later(ms, self.period_ms), []).append(instant)
         yield from self.moved
         view = {"images": self, "camera": camera, "than": than, "by_size": by_size}
-        for kind in ("rows", "glitches", "repeated", "stalled", "odd", "unvoted"):
+        for kind in ("screens", "rows", "glitches", "repeated", "stalled", "odd", "unvoted"):
             if text := render_sentences("single_images.txt", __package__, kind=kind, **view):
                 yield text
 

@@ -68,6 +68,12 @@ def test_a_step_stays_where_nothing_moves_or_too_little_is_known() -> None:
     assert place_step(step, {}, seen_by(DROPPED)) == step
 
 
+@pytest.mark.parametrize("by", [4, 1, -1])
+def test_a_step_that_the_images_do_not_show_is_none(by: int) -> None:
+    # As two discs do that turn with different periods.
+    assert place_step(at(20, by, 17, 25), seen_by(ALL), seen_by(ALL)).frames == 0
+
+
 def test_images_change_by_what_moves_and_not_by_noise() -> None:
     rng = np.random.default_rng(1)
 

@@ -1,15 +1,20 @@
 """Single steps of time offsets, each against a value that can be worked out by hand."""
 
+from typing import cast
+
 import numpy as np
 import pytest
 
 from reconstruction.common.geometry import Array
+from reconstruction.scene.dataset import Dataset
 from reconstruction.time_offsets.crossings import Crossings, _fit
 from reconstruction.time_offsets.lamp import BlinkEdge, find_edge_time
 from reconstruction.time_offsets.pair_geometry import geometry_terms
+from reconstruction.time_offsets.pair_offset import PairOffsets
 from reconstruction.time_offsets.rough_offset import rough_offsets_ms
 from tests.unit.reconstruction.time_offsets.test_offset_fit import NOTHING_STILL
 from tests.unit.reconstruction.time_offsets.test_pair_geometry import A, B, seen
+from tests.unit.reconstruction.time_offsets.test_repetition import PERIOD_MS, Film, walker
 
 WIDTH_MS, ROW_MS, FIRST_MS = 10.0, 0.05, 100.0
 
@@ -39,6 +44,27 @@ def test_bursts_of_motion_tell_roughly_how_late_a_camera_is(late_ms: float) -> N
 
     first, second = activity(40.0, 0.0), activity(160.0, late_ms)
     assert rough_offsets_ms(first, second, 33.0)[0] == pytest.approx(late_ms, abs=25)
+
+
+@pytest.mark.parametrize("mains", [0.0, 0.25])
+def test_points_are_followed_through_bands_of_mains_light(mains: float) -> None:
+    class Banded(Film):
+        period_ns = round(PERIOD_MS * 1e6)
+
+        def has_image(self, camera: str, instant: int) -> bool:
+            return True
+
+        def grey(self, camera: str, instant: int) -> Array:
+            rows = np.arange(120)[:, None]
+            light = 1 + mains * np.sin(2 * np.pi * (rows / 50 + instant / 3))
+            return np.asarray(np.clip(0.7 * light * super().grey(camera, instant), 0, 255), np.uint8)
+
+    finder = PairOffsets.__new__(PairOffsets)
+    finder.dataset, finder.repeated = cast("Dataset", Banded(walker)), {"a": ()}.__getitem__
+    before, at, after = finder._find_points("a", 5, all_moves=True)[1]
+    assert np.isfinite(after - before).all(axis=1).mean() > 0.6
+    moves = (np.abs(at - (120, 60)) < (16, 36)).all(axis=1)
+    assert np.nanmedian((after - before)[moves], axis=0) == pytest.approx([4, 0], abs=0.3)
 
 
 def test_errors_that_neighbouring_instants_share_count_by_newey_and_west() -> None:

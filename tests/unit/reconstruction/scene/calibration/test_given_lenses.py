@@ -133,6 +133,23 @@ def test_a_comparison_refuses_its_session_s_wrong_lenses(
     check_figures(given.complaint, "a", 1.2)
 
 
+def test_compare_judges_another_sessions_calibration_too(
+    bare: Session,  # noqa: F811
+    tmp_path: Path,
+    reconstruct: Reconstruct,
+) -> None:
+    right, wrong = (shutil.copytree(bare.folder, tmp_path / name) for name in ("right", "wrong"))
+    for folder, views in ((right, RIG), (wrong, zoomed(1.2, *RIG))):
+        (folder / "calibration.json").write_bytes(msgspec.json.encode(calibration(views)))
+    given = reconstruct(
+        *("compare", right, "--against", wrong, "--offset-ms", "33", "--study", "stereo"),
+        *("--out", tmp_path / "out"),
+    )
+    assert given.code != 0
+    assert "does not hold for its pictures: the calibration gives a" in given.complaint
+    assert f"reconstruct calibrate {wrong} --replace" in given.complaint
+
+
 def test_a_kept_calibration_with_wrong_lenses_is_not_used(
     bare: Session,  # noqa: F811
     capsys: pytest.CaptureFixture[str],

@@ -1,13 +1,15 @@
 """Single steps of time offsets, each against a value that can be worked out by hand."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
 from reconstruction.common.geometry import Array
-from reconstruction.time_offsets.crossings import Crossings, _fit
+from reconstruction.time_offsets.crossings import Crossings, OffsetFit, _fit
 from reconstruction.time_offsets.lamp import BlinkEdge, find_edge_time
 from reconstruction.time_offsets.pair_geometry import geometry_terms
-from reconstruction.time_offsets.rough_offset import rough_offsets_ms
+from reconstruction.time_offsets.rough_offset import find_rough_offset, rough_offsets_ms
 from tests.unit.reconstruction.time_offsets.test_offset_fit import NOTHING_STILL
 from tests.unit.reconstruction.time_offsets.test_pair_geometry import A, B, seen
 
@@ -39,6 +41,21 @@ def test_bursts_of_motion_tell_roughly_how_late_a_camera_is(late_ms: float) -> N
 
     first, second = activity(40.0, 0.0), activity(160.0, late_ms)
     assert rough_offsets_ms(first, second, 33.0)[0] == pytest.approx(late_ms, abs=25)
+
+
+def test_an_offset_at_which_the_recordings_do_not_overlap_is_not_a_rival() -> None:
+    times_ms = np.arange(0.0, 2000.0, 33.0)
+    activity = times_ms, np.random.default_rng(4).uniform(0.1, 1, len(times_ms))
+
+    def measure(limit: int, *, rough: tuple[float, float], **_: Any) -> OffsetFit:
+        """Return votes at 0 ms only, and no examined instants at delays above a second."""
+        late_ms = rough[0]
+        examined = tuple(range(limit)) if abs(late_ms) <= 1000 else ()
+        return OffsetFit(late_ms, 0.5, votes=20.0 * (abs(late_ms) < 33), unvoted=examined)
+
+    found = find_rough_offset(measure, activity, activity, 1000.0, 33.0)
+    assert not isinstance(found, str), found
+    assert found[0] == pytest.approx(0, abs=1)
 
 
 def test_errors_that_neighbouring_instants_share_count_by_newey_and_west() -> None:

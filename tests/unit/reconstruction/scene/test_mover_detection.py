@@ -1,15 +1,18 @@
 """What moves is found; noise, flicker and a trembling edge are not."""
 
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import cv2
 import numpy as np
 import pytest
 
+from capture_app.common.errors import BadInputError
 from reconstruction.common.geometry import Array
 from reconstruction.common.image_matching import track_there_and_back
 from reconstruction.scene import moving_pixels
-from reconstruction.scene.moving_pixels import detect_moving, in_light_of, median_background
+from reconstruction.scene.dataset import Dataset
+from reconstruction.scene.moving_pixels import SceneMotion, detect_moving, in_light_of, median_background
 from tests.unit.reconstruction.conftest import Scene, make_view, texture
 
 
@@ -21,6 +24,23 @@ def test_a_moving_board_is_found_where_it_is_now(scene: Scene) -> None:
     true = shots[3][2]
     assert (found & true).sum() > 0.6 * true.sum()
     assert (found & ~true).sum() < 0.25 * true.sum()
+
+
+def test_motion_is_detected_beside_a_broken_image(scene: Scene) -> None:
+    view = make_view((0, 0, 0))
+    shots = [scene.look(view, k) for k in range(5)]
+
+    def grey(camera: str, instant: int) -> Array:
+        if instant == 3:
+            raise BadInputError("the image is broken", hint="restore it")
+        return shots[instant][0]
+
+    dataset = SimpleNamespace(
+        instants=lambda camera: range(5), grey=grey, size=lambda camera: (view.width, view.height)
+    )
+    found = SceneMotion(cast(Dataset, dataset), 1).detected_moving("a", 2)
+    true = shots[2][2]
+    assert (found & true).sum() > 0.6 * true.sum()
 
 
 def test_noise_and_flicker_do_not_move() -> None:

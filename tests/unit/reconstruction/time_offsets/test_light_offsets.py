@@ -1,6 +1,8 @@
 """A lamp that blinks before rolling shutters tells how late each is, and how long its rows take."""
 
 from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 
@@ -8,7 +10,7 @@ from capture_app.session.reading.reader import Session
 from reconstruction.common.geometry import Array
 from reconstruction.scene.dataset import Dataset
 from reconstruction.time_offsets.camera_time import CameraTime
-from reconstruction.time_offsets.lamp import measure_light_offsets
+from reconstruction.time_offsets.lamp import find_blink_edges, measure_light_offsets
 from tests.unit.reconstruction.conftest import texture
 from tests.unit.reconstruction.time_offsets.blinking import BlinkCamera, Lamp, blink_times, write_blinks
 
@@ -48,3 +50,16 @@ def test_without_a_lamp_nothing_is_told(tmp_path: Path) -> None:
     found = offsets(blinks(tmp_path, dark, a=FIRST, b=SECOND))
     assert {one.offset_ms for one in found.values()} == {None}
     assert found["b"].reason == "it sees no blinking lamp"
+
+
+def test_a_brightness_step_far_smaller_than_the_lamps_is_not_an_edge() -> None:
+    brightness = np.full(60, 40)
+    brightness[10:20] += 40
+    brightness[40:50] += 40
+    brightness[30:] += 4
+    dataset = SimpleNamespace(
+        instants=lambda camera: range(60), grey=lambda camera, k: np.full((4, 16), brightness[k], np.uint8)
+    )
+    rows_ms = {k: 33.0 * k + np.arange(4) for k in range(60)}
+    edges = find_blink_edges(cast(Dataset, dataset), "a", rows_ms)
+    assert [edge.rising for edge in edges] == [True, False, True, False]

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import cast
 
 import numpy as np
@@ -16,7 +17,7 @@ from reconstruction.time_offsets.camera_time import CameraTime
 from reconstruction.time_offsets.crossings import Crossings, OffsetFit, fit_offset
 from reconstruction.time_offsets.rig_offsets import adjust_offsets, with_changes
 from reconstruction.time_offsets.session_offsets import TimeResult
-from reconstruction.time_offsets.single_images import SingleImages, stalled_images
+from reconstruction.time_offsets.single_images import SingleImages, repeated_images, stalled_images
 from tests.unit.reconstruction.test_timing import timing_sentences
 from tests.unit.reconstruction.time_offsets.test_instant_votes import INSTANTS, take
 from tests.unit.reconstruction.time_offsets.test_offset_fit import NOTHING_STILL, PERIOD_MS
@@ -148,6 +149,16 @@ def test_where_nothing_moves_or_moves_no_more_no_image_is_stalled() -> None:
         assert Film(left=moments, right=moments).stalled() == {"left": (), "right": ()}
     # The thing has left one camera's view.
     assert Film(left=STEADY, right=rest).stalled() == {"left": (), "right": ()}
+
+
+def test_an_image_that_all_cameras_repeat_is_not_a_repeated_frame() -> None:
+    digests = {"left": "aabcd", "right": "aabbc"}
+    dataset = SimpleNamespace(
+        cameras=("left", "right"),
+        instants=lambda camera: range(5),
+        record=lambda camera, k: SimpleNamespace(sha256=digests[camera][k]),
+    )
+    assert repeated_images(cast(Dataset, dataset), "right") == (3,)
 
 
 def test_a_take_that_shows_moments_twice_is_not_certified() -> None:

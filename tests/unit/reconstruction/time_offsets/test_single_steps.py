@@ -1,17 +1,21 @@
 """Single steps of time offsets, each against a value that can be worked out by hand."""
 
-from typing import cast
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
 
+from capture_app.session.format.manifest import CameraRecord
 from reconstruction.common.geometry import Array
 from reconstruction.scene.dataset import Dataset
-from reconstruction.time_offsets.crossings import Crossings, _fit
+from reconstruction.time_offsets.camera_time import ImageTimes
+from reconstruction.time_offsets.crossings import Crossings, OffsetFit, _fit
 from reconstruction.time_offsets.lamp import BlinkEdge, find_edge_time
 from reconstruction.time_offsets.pair_geometry import geometry_terms
 from reconstruction.time_offsets.pair_offset import PairOffsets
-from reconstruction.time_offsets.rough_offset import rough_offsets_ms
+from reconstruction.time_offsets.rough_offset import find_rough_offset, rough_offsets_ms
+from tests.facts import make_facts
 from tests.unit.reconstruction.time_offsets.test_offset_fit import NOTHING_STILL
 from tests.unit.reconstruction.time_offsets.test_pair_geometry import A, B, seen
 from tests.unit.reconstruction.time_offsets.test_repetition import PERIOD_MS, Film, walker
@@ -65,6 +69,36 @@ def test_points_are_followed_through_bands_of_mains_light(mains: float) -> None:
     assert np.isfinite(after - before).all(axis=1).mean() > 0.6
     moves = (np.abs(at - (120, 60)) < (16, 36)).all(axis=1)
     assert np.nanmedian((after - before)[moves], axis=0) == pytest.approx([4, 0], abs=0.3)
+
+
+def test_an_offset_at_which_the_recordings_do_not_overlap_is_not_a_rival() -> None:
+    times_ms = np.arange(0.0, 2000.0, 33.0)
+    activity = times_ms, np.random.default_rng(4).uniform(0.1, 1, len(times_ms))
+
+    def measure(limit: int, *, rough: tuple[float, float], **_: Any) -> OffsetFit:
+        """Return votes at 0 ms only, and no examined instants at delays above a second."""
+        late_ms = rough[0]
+        examined = tuple(range(limit)) if abs(late_ms) <= 1000 else ()
+        return OffsetFit(late_ms, 0.5, votes=20.0 * (abs(late_ms) < 33), unvoted=examined)
+
+    found = find_rough_offset(measure, activity, activity, 1000.0, 33.0)
+    assert not isinstance(found, str), found
+    assert found[0] == pytest.approx(0, abs=1)
+
+
+def test_the_bottom_of_a_reduced_image_has_the_time_of_the_sensors_bottom() -> None:
+    camera = CameraRecord(name="a", facts=make_facts(width=640, height=480, row_time_ns=50_000))
+    record = SimpleNamespace(leader_ns=0, exposure_start_ns=0, exposure_ns=4_000_000)
+    for height in (480, 120):
+        dataset = SimpleNamespace(
+            instants_ns=(0,),
+            instants=lambda camera: (0,),
+            record=lambda camera, instant: record,
+            session=SimpleNamespace(camera=lambda name: camera),
+            size=lambda camera, height=height: (height * 4 // 3, height),
+        )
+        times = ImageTimes(cast(Dataset, dataset), ("a",))
+        assert times.of_rows_ms("a", 0, np.array([0, height])) == pytest.approx([2.0, 2.0 + 480 * 0.05])
 
 
 def test_errors_that_neighbouring_instants_share_count_by_newey_and_west() -> None:

@@ -11,6 +11,7 @@ import pytest
 from capture_app.common.errors import BadInputError, NotApplicableError, NotAvailableError, SimulshotError
 from capture_app.session.reading.reader import Session
 from reconstruction.common.geometry import resize_view
+from reconstruction.depth.rough_scene import RoughScene
 from reconstruction.method.truth import depth_shares
 from reconstruction.methods.multiview import colmap_workspace
 from reconstruction.methods.multiview.colmap_workspace import (
@@ -23,11 +24,13 @@ from reconstruction.methods.multiview.colmap_workspace import (
     write_workspace,
 )
 from reconstruction.methods.multiview.input_images import undistort_image, undistort_nearest
+from reconstruction.methods.multiview.instant_maps import _why_alone
 from reconstruction.methods.multiview.instant_model import MadeMultiview
 from reconstruction.methods.multiview.multiview_method import Multiview
 from reconstruction.methods.multiview.sweep_matcher import ViewDepth
 from reconstruction.scene.dataset import Dataset
 from tests.unit.reconstruction.conftest import Reconstruct, Scene, make_view, write_session
+from tests.unit.reconstruction.depth.small_views import PLACES, photo_of, view_at
 from tests.unit.reconstruction.methods.multiview.conftest import VIEWS
 
 
@@ -91,6 +94,14 @@ def test_patchmatch_without_a_gpu_says_so(
 def test_dark_cameras_are_left_out_by_name() -> None:
     with pytest.raises(BadInputError, match="same brightness"):
         undistort_image("left", 0, np.zeros((240, 320, 3), np.uint8), VIEWS["left"])
+
+
+def test_a_camera_alone_in_its_step_of_a_staggered_rig_says_why_it_has_no_depth() -> None:
+    images = {name: photo_of(view_at(*place))[0] for name, place in PLACES.items()}
+    scene = RoughScene(dict.fromkeys(images, np.array([[0.0, 0.0, 2.0]])), {})
+    steps_ns = {"left": 0, "middle": 0, "right": 10_000_000}
+    why = _why_alone("right", images, scene, steps_ns)
+    assert why == "no other camera takes its frames at the same time"
 
 
 def test_truth_is_moved_as_the_picture_is(trio: Session) -> None:

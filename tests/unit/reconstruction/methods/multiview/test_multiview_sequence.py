@@ -62,3 +62,15 @@ def test_a_folder_keeps_its_clouds_for_the_same_plan_alone(tmp_path: Path) -> No
     with SequenceFolder.opened(out, plan_of(depth=True)) as folder:
         assert folder.done(3) is None
     assert not out.exists()
+
+
+def test_a_broken_plan_is_refused_and_the_clouds_stay(tmp_path: Path) -> None:
+    with SequenceFolder.opened(tmp_path / "out", plan_of()):
+        (tmp_path / "out" / cloud_file(3)).write_bytes(b"cloud")
+    (tmp_path / "out" / PLAN).write_bytes(b"{")
+    with (
+        pytest.raises(BadInputError, match="is broken"),
+        SequenceFolder.opened(tmp_path / "out", plan_of()),
+    ):
+        pass
+    assert (tmp_path / "out" / cloud_file(3)).is_file()

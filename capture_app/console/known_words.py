@@ -7,16 +7,24 @@ import os
 import re
 from collections.abc import Mapping, Sequence
 from difflib import get_close_matches
+from itertools import pairwise
 from pathlib import Path
 
 import click
 
+OVERVIEW = (
+    ". There are capture-app rig start, burst and record; capture-app sessions import FOLDER, list, show, "
+    "note and export; reconstruct calibrate, time, multiview, people, view and splat SESSION"
+)
+"""What the answer to an unknown command shows."""
 _COMMANDS = {
     "capture-app": {
         "capture-app burst": "capture shoot take snap photo picture snapshot shot trigger frames grab arm "
         "fire",
-        "capture-app burst --interval-s S": "timelapse time-lapse interval intervalometer",
-        "capture-app burst --on-motion": "motion motion-detection",
+        "capture-app burst --name NAME, or record --name NAME": "new create create-session new-session",
+        "capture-app burst --interval-s S": "timelapse time-lapse interval intervalometer shoot-interval "
+        "capture-interval",
+        "capture-app burst --on-motion": "motion motion-detection watch-trigger",
         "capture-app record": "video film movie rec recording grab-video capture-video",
         "capture-app record --stop": "end-recording stop-recording",
         "capture-app rig start": "start up run launch",
@@ -34,21 +42,23 @@ _COMMANDS = {
         "capture-app trust pair LEADER": "pair login auth key keys",
         "capture-app sessions list": "ls list takes library history",
         "capture-app sessions trash SESSION": "delete rm remove del",
-        "capture-app sessions export SESSION": "convert to save",
+        "capture-app sessions export SESSION": "convert to save archive",
+        "capture-app sessions note SESSION TEXT": "tag annotate comment",
         "capture-app sessions export SESSION --to otio": "edl xml fcpxml timeline premiere resolve davinci "
         "nle",
         "capture-app sessions export SESSION --to mcap": "rosbag ros2bag bag ros",
         "capture-app sessions export SESSION --to mp4": "mp4 mov prores encode transcode",
         "capture-app sessions restore SESSION": "undo undelete untrash",
-        "capture-app sessions import SOURCE": "gopro dji multicam clips sync synchronize align load add",
+        "capture-app sessions import SOURCE": "ingest gopro dji multicam clips sync synchronize align load "
+        "add",
         "capture-app sessions sheet SESSION": "contact-sheet thumbnails",
         "capture-app demo": "simulate sim simulated simulation fake",
         "capture-app sessions show SESSION": "inspect describe probe info details metadata timestamps",
         "capture-app sessions verify SESSION": "check verify validate fsck",
         "capture-app sessions wiggle SESSION": "play",
         "capture-app sessions empty-trash": "purge clean empty-trash prune",
-        "capture-app status": "sync-check sync-status nodes info stats state health sync synchronize genlock "
-        "jam jam-sync accuracy clock latency dropped drops",
+        "capture-app status": "sync-check sync-status test-sync sync-test nodes info stats state health "
+        "sync synchronize genlock jam jam-sync accuracy clock latency dropped drops",
         "capture-app doctor": "check diagnose test disk space storage du firewall network wifi",
         "capture-app rig list": "ps rigs log logs",
         "capture-app, by the line that installed it (docs/install.md)": "update upgrade install",
@@ -60,22 +70,23 @@ _COMMANDS = {
         "capture-app people": "osc vmc live-people livemocap live-mocap",
         "reconstruct calibrate SESSION": "calibrate calibration calib intrinsics extrinsics lens lenses",
         "reconstruct, a command of its own": "reconstruct",
-        "reconstruct multiview SESSION": "photogrammetry depth depthmap depth-map mesh pointcloud 3d "
-        "multiview sfm mvs volumetric ply",
-        "reconstruct stereo SESSION": "stereo disparity",
-        "reconstruct splat SESSION": "splat splats gsplat gaussians gaussian-splat gaussian-splatting train "
-        "3dgs",
-        "reconstruct trajectory SESSION": "track trajectory tracking",
-        "reconstruct panorama SESSION": "panorama stitch pano",
-        "reconstruct people SESSION": "gait angles pose2d pose3d markerless pose poses skeleton "
+        "reconstruct multiview SESSION --out DIR": "photogrammetry depth depthmap depth-map mesh pointcloud "
+        "3d multiview sfm mvs volumetric ply",
+        "reconstruct stereo SESSION --out DIR": "stereo disparity",
+        "reconstruct splat SESSION --out DIR": "splat splats gsplat gaussians gaussian-splat "
+        "gaussian-splatting train 3dgs",
+        "reconstruct trajectory SESSION --out DIR": "track trajectory tracking",
+        "reconstruct panorama SESSION --out DIR": "panorama stitch pano",
+        "reconstruct people SESSION --out DIR": "gait angles pose2d pose3d markerless pose poses skeleton "
         "mocap joints keypoints triangulate c3d bvh trc blender",
-        "reconstruct movers SESSION": "matte mattes mask masks movers",
-        "reconstruct compare SESSION": "compare evaluate report",
+        "reconstruct movers SESSION --out DIR": "matte mattes mask masks movers",
+        "reconstruct compare SESSION --out DIR": "compare evaluate report",
         "reconstruct time SESSION": "time offset offsets",
         "capture-app panel show": "timecode time-code led",
         "reconstruct board FILE": "make-board print-board board charuco chessboard checkerboard",
-        "reconstruct view SESSION": "orbit flythrough view walk render bullet-time bullettime",
-        "reconstruct view SESSION --page": "share publish viewer",
+        "reconstruct view SESSION --out DIR": "orbit flythrough view walk render bullet-time bullettime "
+        "freeze freeze-frame",
+        "reconstruct view SESSION --page --out DIR": "share publish viewer",
     },
     "capture-app sessions": {
         "capture-app sessions trash SESSION": "delete rm remove del",
@@ -93,24 +104,27 @@ _COMMANDS = {
         "capture-app sessions empty-trash": "purge clean prune empty",
     },
     "reconstruct": {
-        "reconstruct multiview SESSION": "photogrammetry depth depthmap dense mvs pointcloud point-cloud "
-        "cloud fusion 3d volumetric",
-        "reconstruct multiview SESSION --mesh": "mesh poisson mesher",
-        "reconstruct stereo SESSION": "disparity sgbm pair",
-        "reconstruct calibrate SESSION --mark CAMERA=X,Y --distance-m M": "scale measure align-gcp gcp",
-        "reconstruct view SESSION --page": "share",
-        "reconstruct calibrate SESSION": "sfm mapper calib calibration intrinsics extrinsics poses colmap",
-        "reconstruct splat SESSION": "splats gsplat gaussian gaussians gaussian-splat gaussian-splatting "
-        "splatfacto train 3dgs nerf nerfacto",
-        "reconstruct panorama SESSION": "stitch pano stitching",
-        "reconstruct view SESSION": "orbit flythrough walk play render novel-view bullet-time bullettime "
-        "wiggle viewer",
+        "reconstruct multiview SESSION --out DIR": "photogrammetry depth depthmap dense mvs pointcloud "
+        "point-cloud cloud fusion 3d volumetric automatic_reconstructor patch_match_stereo stereo_fusion "
+        "delaunay_mesher",
+        "reconstruct multiview SESSION --mesh --out DIR": "mesh poisson mesher poisson_mesher",
+        "reconstruct stereo SESSION --out DIR": "disparity sgbm pair",
+        "reconstruct calibrate SESSION --mark CAMERA=X,Y --distance-m M": "scale align-gcp gcp",
+        "reconstruct view SESSION --page --out DIR": "share",
+        "reconstruct calibrate SESSION": "sfm sparse feature_extractor exhaustive_matcher "
+        "sequential_matcher image_undistorter bundle_adjuster mapper calib calibration intrinsics "
+        "extrinsics poses colmap",
+        "reconstruct splat SESSION --out DIR": "splats gsplat gaussian gaussians gaussian-splat "
+        "gaussian-splatting splatfacto train 3dgs nerf nerfacto",
+        "reconstruct panorama SESSION --out DIR": "stitch pano stitching",
+        "reconstruct view SESSION --out DIR": "orbit flythrough walk play render novel-view bullet-time "
+        "bullettime wiggle viewer",
         "reconstruct time SESSION": "sync synchronize align offset offsets",
-        "reconstruct people SESSION": "gait angles pose2d pose3d markerless pose skeleton mocap joints "
-        "keypoints motion-capture human body triangulate c3d bvh trc",
-        "reconstruct movers SESSION": "matte mattes mask masks segment rotoscope",
-        "reconstruct trajectory SESSION": "track ball path",
-        "reconstruct compare SESSION": "evaluate eval quality report",
+        "reconstruct people SESSION --out DIR": "gait angles pose2d pose3d markerless pose skeleton mocap "
+        "joints keypoints motion-capture human body triangulate c3d bvh trc",
+        "reconstruct movers SESSION --out DIR": "matte mattes mask masks segment rotoscope",
+        "reconstruct trajectory SESSION --out DIR": "track ball path",
+        "reconstruct compare SESSION --out DIR": "evaluate eval quality report",
         "reconstruct board FILE": "make-board print-board charuco chessboard checkerboard",
         "reconstruct batch SESSIONS": "all jobs slurm",
         "capture-app sessions import SOURCE": "import",
@@ -134,8 +148,9 @@ _COMMANDS = {
         "capture-app record": "record video film rec",
         "capture-app burst": "burst capture shoot take photo",
         "capture-app rig start": "up run launch new",
-        "capture-app rig list": "ls ps status show",
-        "capture-app cameras add SPEC": "add connect",
+        "capture-app status": "status state",
+        "capture-app rig list": "ls ps show",
+        "capture-app cameras add SPEC, or capture-app node on another machine": "add connect",
         "capture-app cameras remove NAME": "remove",
     },
     "capture-app trust": {
@@ -161,9 +176,9 @@ FORMATS = {
 }
 """Formats of `sessions export`, each with the programs that read it and other words for it."""
 RESULTS = {
-    "reconstruct people SESSION": "c3d trc skeleton fbx bvh",
-    "reconstruct multiview SESSION": "ply las laz e57 obj pointcloud point-cloud mesh glb",
-    "reconstruct movers SESSION": "matte mattes mask masks",
+    "reconstruct people SESSION --out DIR": "c3d trc skeleton fbx bvh",
+    "reconstruct multiview SESSION --out DIR": "ply las laz e57 obj pointcloud point-cloud mesh glb",
+    "reconstruct movers SESSION --out DIR": "matte mattes mask masks",
 }
 """Commands whose results people look for among the formats of an export, with words for them."""
 _ACTIONS = {
@@ -223,14 +238,14 @@ _OPTIONS = {
     "--field-of-view": "fov hfov",
     "--to otio": "premiere resolve davinci edl fcpxml",
     "--to mp4": "codec mp4 video prores",
-    "--align": "sync audio",
+    "--align": "sync audio by",
     "--page": "paper",
 }
 """Options, each with other programs' words for it, without hyphens; the first that a command has wins."""
 _SIMULATED = {"--camera sim:phone-a": "simulated simulate sim simulation fake dummy virtual"}
 _OPTIONS_OF = {
     "reconstruct calibrate": {
-        "--board": "charuco chessboard checkerboard",
+        "--board": "charuco chessboard checkerboard squares pattern",
         "--mark CAMERA=X,Y --distance-m M": "gcp scale",
     },
     "reconstruct multiview": {"--out DIR, with a PLY in it": "format ply las"},
@@ -282,7 +297,11 @@ def takes_argument(line: str) -> bool:
 
 def advise(error: click.UsageError, typed_line: Sequence[str] = ()) -> str:
     """Return the message of a usage error, with what was probably meant by an unknown command or option."""
-    models = [word for word in typed_line if word.casefold().endswith(_MODELS)]
+    models = [
+        word
+        for before, word in pairwise(("", *typed_line))
+        if word.casefold().endswith(_MODELS) and before[:1] != "-"
+    ]
     if models and isinstance(error, click.MissingParameter | click.NoSuchCommand):
         return f"'{models[0]}' is a 3D model: Blender shows it, and reconstruct view shows sessions"
     if error.ctx is None or not isinstance(error, click.NoSuchOption | click.NoSuchCommand):
@@ -299,14 +318,8 @@ def advise(error: click.UsageError, typed_line: Sequence[str] = ()) -> str:
     else:
         what, typed, word = "command", error.command_name, error.command_name
         known = commands | {f"{error.ctx.command_path} {name} --help": f"help-{name}" for name in names}
-        if word.casefold().endswith(_FOOTAGE):
-            return f"'{typed}' is a file: capture-app sessions import FILE ... imports it"
-        for place in (Path(word), Path("sessions", word)):
-            is_session = os.path.isfile(place / "session.json")  # noqa: PTH113 - no word makes it raise
-            if is_session and (line := _OF_A_SESSION.get(error.ctx.command_path)):
-                return f"'{typed}' is a session; the command comes first: {line} {place}"
-        if word.strip("./") and os.path.isdir(word):  # noqa: PTH112 - the same
-            return f"'{typed}' is a folder: capture-app sessions import {typed} imports it"
+        if place := _at_place(word, error.ctx.command_path):
+            return place
     unknown = f"No such {what} '{typed}'"
     # Of two words, such as `grab video`, both together decide.
     after = typed_line[typed_line.index(typed) + 1 :] if typed in typed_line else ()
@@ -322,7 +335,24 @@ def advise(error: click.UsageError, typed_line: Sequence[str] = ()) -> str:
         for line in _lines_for(word, rows)
         if not f"{line} ".startswith(f"{error.ctx.command_path} ")
     ]
-    return f"{unknown}. Did you mean '{close[0]}'?" if close else unknown + "".join(elsewhere[:1])
+    if close:
+        return f"{unknown}. Did you mean '{close[0]}'?"
+    return unknown + ("".join(elsewhere[:1]) or (OVERVIEW if error.ctx.parent is None else ""))
+
+
+def _at_place(word: str, program: str) -> str:
+    """Return what to do with a file, a session or a folder in place of a command; empty for others."""
+    if word.casefold().endswith(_FOOTAGE):
+        return f"'{word}' is a file: capture-app sessions import FILE ... imports it"
+    for place in (Path(word), Path("sessions", word)):
+        is_session = os.path.isfile(place / "session.json")  # noqa: PTH113 - no word makes it raise
+        if is_session and (line := _OF_A_SESSION.get(program)):
+            return f"'{word}' is a session; the command comes first: {line} {place}"
+    if "/" in word and not os.path.lexists(word):
+        return f"there is nothing at {word}; the command comes first"
+    if word.strip("./") and os.path.isdir(word):  # noqa: PTH112 - the same
+        return f"'{word}' is a folder: capture-app sessions import {word} imports it"
+    return ""
 
 
 def _lines_for(word: str, rows: Mapping[str, str]) -> list[str]:
@@ -340,7 +370,8 @@ def _in_our_words(error: click.UsageError) -> str:
         )
     name, kind = error.param.get_error_hint(error.ctx).replace("'", ""), error.param.type
     if isinstance(error, click.MissingParameter):
-        return f"{name} is missing{'; capture-app cameras lists what there is' if name == '--camera' else ''}"
+        lists = {"--camera": "cameras lists what there is", "CAMERA": "status names those of the rig"}
+        return f"{name} is missing" + (f"; capture-app {lists[name]}" if name in lists else "")
     given, is_not, _ = text.partition(" is not ")
     if not is_not or kind.name not in _NUMBERS:
         return f"{name}: {text}"

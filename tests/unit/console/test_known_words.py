@@ -33,15 +33,15 @@ capture-app join --qr > capture-app phones
 capture-app help record > capture-app record --help
 reconstruct help people > reconstruct people --help
 capture-app sessions help list > capture-app sessions list --help
-capture-app mask x > reconstruct movers SESSION
-reconstruct mask x > reconstruct movers SESSION
+capture-app mask x > reconstruct movers SESSION --out DIR
+reconstruct mask x > reconstruct movers SESSION --out DIR
 reconstruct align --gcp x > reconstruct calibrate SESSION --mark CAMERA=X,Y --distance-m M
 reconstruct calibrate x --gcp y > --mark CAMERA=X,Y --distance-m M
 reconstruct calibrate --print-board > reconstruct board FILE
 reconstruct multiview x --format ply > --out DIR, with a PLY in it
 reconstruct multiview x --glb > --mesh
-capture-app sessions export x --format ply > reconstruct multiview SESSION
-capture-app sessions export x --format las > reconstruct multiview SESSION
+capture-app sessions export x --format ply > reconstruct multiview SESSION --out DIR
+capture-app sessions export x --format las > reconstruct multiview SESSION --out DIR
 capture-app Record > 'record'
 capture-app start > capture-app rig start
 capture-app up > capture-app rig start
@@ -80,45 +80,54 @@ capture-app phone > capture-app phones
 capture-app qr > capture-app phones
 capture-app dashboard > capture-app monitor
 capture-app calibrate > reconstruct calibrate SESSION
-capture-app stereo > reconstruct stereo SESSION
-capture-app splat > reconstruct splat SESSION
-capture-app depth > reconstruct multiview SESSION
-capture-app mesh > reconstruct multiview SESSION
-capture-app stitch > reconstruct panorama SESSION
-capture-app compare > reconstruct compare SESSION
+capture-app stereo > reconstruct stereo SESSION --out DIR
+capture-app splat > reconstruct splat SESSION --out DIR
+capture-app depth > reconstruct multiview SESSION --out DIR
+capture-app mesh > reconstruct multiview SESSION --out DIR
+capture-app stitch > reconstruct panorama SESSION --out DIR
+capture-app compare > reconstruct compare SESSION --out DIR
 capture-app time > reconstruct time SESSION
 capture-app simulate > capture-app demo
 capture-app sim > capture-app demo
-capture-app pose > reconstruct people SESSION
-capture-app depthmap > reconstruct multiview SESSION
+capture-app pose > reconstruct people SESSION --out DIR
+capture-app depthmap > reconstruct multiview SESSION --out DIR
 capture-app play x > capture-app sessions wiggle SESSION
 capture-app update > capture-app, by the line that installed it (docs/install.md)
 capture-app sync-check > capture-app status
 capture-app add-camera x > capture-app cameras add SPEC
-capture-app rig add x > capture-app cameras add SPEC
-capture-app share x > reconstruct view SESSION --page
+capture-app rig add x > capture-app cameras add SPEC, or capture-app node on another machine
+capture-app ingest x > capture-app sessions import SOURCE
+capture-app tag take1 words > capture-app sessions note SESSION TEXT
+capture-app new take1 > capture-app burst --name NAME, or record --name NAME
+capture-app watch --trigger motion > capture-app burst --on-motion
+capture-app freeze take1 > reconstruct view SESSION --out DIR
+capture-app rig status > capture-app status
+reconstruct automatic_reconstructor --image_path x > reconstruct multiview SESSION --out DIR
+reconstruct feature_extractor --image_path x > reconstruct calibrate SESSION
+reconstruct calibrate x --squares 8x11 > --board
+capture-app share x > reconstruct view SESSION --page --out DIR
 reconstruct scale x > reconstruct calibrate SESSION --mark CAMERA=X,Y --distance-m M
 capture-app uninstall > capture-app, by make uninstall or pip uninstall simulshot
 capture-app check > capture-app doctor
 capture-app check x > capture-app sessions verify SESSION
 capture-app timestamps x > capture-app sessions show SESSION
-capture-app track x > reconstruct trajectory SESSION
+capture-app track x > reconstruct trajectory SESSION --out DIR
 capture-app vmc > capture-app people
-reconstruct gaussian-splat x > reconstruct splat SESSION
+reconstruct gaussian-splat x > reconstruct splat SESSION --out DIR
 reconstruct people x --dlc y > --keypoints
 reconstruct people x --fbx > --out DIR, with CSV, TRC, C3D and glTF in it
 capture-app sessions export x --colmap > --to colmap
 capture-app sessions export x --csv > in each export, as frames.csv
 capture-app record --hours 12 > --seconds
-reconstruct mocap x > reconstruct people SESSION
-reconstruct play x > reconstruct view SESSION
+reconstruct mocap x > reconstruct people SESSION --out DIR
+reconstruct play x > reconstruct view SESSION --out DIR
 capture-app reconstruct > reconstruct, a command of its own
 capture-app statsu > 'status'
 capture-app rcord > 'record'
 capture-app arm > capture-app burst
-capture-app orbit take1 > reconstruct view SESSION
+capture-app orbit take1 > reconstruct view SESSION --out DIR
 capture-app rosbag take1 > capture-app sessions export SESSION --to mcap
-reconstruct gait take1 > reconstruct people SESSION
+reconstruct gait take1 > reconstruct people SESSION --out DIR
 capture-app make-board > reconstruct board FILE
 capture-app genlock > capture-app status
 capture-app timecode > capture-app panel show
@@ -143,10 +152,10 @@ capture-app --shutter 1/500 > capture-app cameras set CONTROL=VALUE
 capture-app burst --fps 120 > capture-app node --camera SPEC,fps=N,width=W
 capture-app sessions export x --premiere > --to otio
 capture-app sessions import a.mp4 --sync audio > --align
-reconstruct triangulate x > reconstruct people SESSION
+reconstruct triangulate x > reconstruct people SESSION --out DIR
 reconstruct --people > reconstruct people
 reconstruct --calib c.json x > reconstruct calibrate SESSION
-reconstruct volumetric x > reconstruct multiview SESSION
+reconstruct volumetric x > reconstruct multiview SESSION --out DIR
 reconstruct people x --c3d > --out DIR, with CSV, TRC, C3D and glTF in it
 capture-app sessions delete x > capture-app sessions trash SESSION
 capture-app sessions rm x > capture-app sessions trash SESSION
@@ -192,18 +201,18 @@ capture-app sessions import x --output y > --out
 capture-app sessions import x --framerate 30 > --fps
 capture-app sessions import x --intrinsics y > --calibration
 capture-app demo --num 3 > --cameras
-reconstruct depth x > reconstruct multiview SESSION
-reconstruct mvs x > reconstruct multiview SESSION
-reconstruct mesh x > reconstruct multiview SESSION --mesh
+reconstruct depth x > reconstruct multiview SESSION --out DIR
+reconstruct mvs x > reconstruct multiview SESSION --out DIR
+reconstruct mesh x > reconstruct multiview SESSION --mesh --out DIR
 reconstruct sfm x > reconstruct calibrate SESSION
 reconstruct mapper x > reconstruct calibrate SESSION
-reconstruct splatfacto x > reconstruct splat SESSION
-reconstruct gsplat x > reconstruct splat SESSION
-reconstruct stitch x > reconstruct panorama SESSION
-reconstruct walk x > reconstruct view SESSION
-reconstruct bullet-time x > reconstruct view SESSION
+reconstruct splatfacto x > reconstruct splat SESSION --out DIR
+reconstruct gsplat x > reconstruct splat SESSION --out DIR
+reconstruct stitch x > reconstruct panorama SESSION --out DIR
+reconstruct walk x > reconstruct view SESSION --out DIR
+reconstruct bullet-time x > reconstruct view SESSION --out DIR
 reconstruct align x > reconstruct time SESSION
-reconstruct track x > reconstruct trajectory SESSION
+reconstruct track x > reconstruct trajectory SESSION --out DIR
 reconstruct charuco x > reconstruct board FILE
 reconstruct import x > capture-app sessions import SOURCE
 reconstruct version > reconstruct --version
@@ -277,11 +286,18 @@ def test_every_option_that_is_advised_exists() -> None:
         ("capture-app sessions export x --to anipose --out y", "--to caliscope is for it"),
         (
             "capture-app sessions export x --to c3d --out y",
-            "not a format of images: see reconstruct people SESSION",
+            "not a format of images: see reconstruct people SESSION --out DIR",
         ),
-        ("capture-app sessions export x --to las --out y", "see reconstruct multiview SESSION"),
+        ("capture-app sessions export x --to las --out y", "see reconstruct multiview SESSION --out DIR"),
         ("reconstruct view model.glb", "'model.glb' is a 3D model: Blender shows it"),
         ("capture-app view model.glb", "'model.glb' is a 3D model: Blender shows it"),
+        ("reconstruct mesh x --output model.obj", "it is reconstruct multiview SESSION --mesh --out DIR"),
+        ("reconstruct nowhere/x --scale 1.2", "there is nothing at nowhere/x; the command comes first"),
+        (
+            "capture-app frobnicate x",
+            "There are capture-app rig start, burst and record; capture-app sessions",
+        ),
+        ("capture-app preview", "CAMERA is missing; capture-app status names those of the rig"),
     ],
 )
 def test_a_file_or_a_format_is_answered_with_what_is_meant(

@@ -22,7 +22,7 @@ def test_a_television_alone_is_named(tmp_path: Path) -> None:
     """The people before it are too plain to be followed."""
     timing = measure(session_of("large television", 0, 16.7, tmp_path))
     assert timing.late_ms is None
-    assert timing.reason.endswith("beside the screen that left and right shows")
+    assert timing.reason.endswith("beside the screen in the pictures of left and right")
 
 
 def test_a_disc_that_may_have_turned_once_more_is_certified_with_its_period(tmp_path: Path) -> None:

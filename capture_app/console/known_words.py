@@ -300,7 +300,7 @@ def advise(error: click.UsageError, typed_line: Sequence[str] = ()) -> str:
     models = [
         word
         for before, word in pairwise(("", *typed_line))
-        if word.casefold().endswith(_MODELS) and before[:1] != "-"
+        if word.casefold().endswith(_MODELS) and "-" not in (before[:1], word[:1])
     ]
     if models and isinstance(error, click.MissingParameter | click.NoSuchCommand):
         return f"'{models[0]}' is a 3D model: Blender shows it, and reconstruct view shows sessions"

@@ -291,6 +291,7 @@ def test_every_option_that_is_advised_exists() -> None:
         ("capture-app sessions export x --to las --out y", "see reconstruct multiview SESSION --out DIR"),
         ("reconstruct view model.glb", "'model.glb' is a 3D model: Blender shows it"),
         ("capture-app view model.glb", "'model.glb' is a 3D model: Blender shows it"),
+        ("capture-app sessions export x --to splats --points=cloud.ply", "--out is missing"),
         ("reconstruct mesh x --output model.obj", "it is reconstruct multiview SESSION --mesh --out DIR"),
         ("reconstruct nowhere/x --scale 1.2", "there is nothing at nowhere/x; the command comes first"),
         (

@@ -110,9 +110,9 @@ def _printable_escape(found: re.Match[bytes]) -> bytes:
 
 def terminal_json(value: Any) -> bytes:
     """Encode msgspec structs or plain data as JSON without characters that a terminal interprets."""
-    return _JSON_CONTROL.sub(
-        lambda found: b"\\u%04x" % ord(found[0].decode()), msgspec.json.encode(value, enc_hook=tuple)
-    )
+    # The images of a large manifest are a sequence that msgspec does not know.
+    encoded = msgspec.json.encode(value, enc_hook=tuple)
+    return _JSON_CONTROL.sub(lambda found: b"\\u%04x" % ord(found[0].decode()), encoded)
 
 
 def pretty_json(value: Any) -> bytes:

@@ -33,7 +33,7 @@ REPEATS = 0.5
 
 
 def reduced_image(dataset: Dataset, camera: str, instant: int) -> Array:
-    """Return an image's brightness, uint8, reduced so that its longer side is `SIDE_PX`."""
+    """Return an image's brightness, uint8, reduced so that its longer side is 160 px."""
     grey = dataset.grey(camera, instant)
     # Only the amount of change matters.
     scale = 160 / max(grey.shape)

@@ -176,7 +176,7 @@ def _confirmed_depths(
 def voting_views(
     name: str, sources: Mapping[str, Sequence[str]], surfaces: Mapping[str, Surface]
 ) -> list[str]:
-    """Return the other views that vote on a view's depth: those nearest by source links, `MAX_VOTERS`."""
+    """Return the other views that vote on a view's depth: at most eight, nearest by source links."""
     order = [name]
     for view in order:
         order += [other for other in sources[view] if other in surfaces and other not in order]

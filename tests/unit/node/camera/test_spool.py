@@ -77,6 +77,34 @@ def test_what_a_failing_disk_does_not_delete_goes_when_it_is_usable_again(
     spool.close()
 
 
+@pytest.mark.parametrize("deleted", range(3))
+def test_what_a_burst_still_has_when_its_deletion_ends_early_is_deleted_by_the_next_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, deleted: int
+) -> None:
+    """Of a burst without its report nobody would know whose images they are."""
+    spool = Spool(tmp_path, "a")
+    spool.open()
+    burst = spool.create_burst(UPLOAD.report)
+    add_image(burst, UPLOAD.report)
+    unlink, left = Path.unlink, iter(range(deleted))
+
+    def delete(path: Path, missing_ok: bool = False) -> None:
+        if next(left, None) is None:
+            raise OSError(errno.EIO, os.strerror(errno.EIO))
+        unlink(path, missing_ok)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "unlink", delete)
+        assert not burst.remove()
+    spool.close()
+    again = Spool(tmp_path, "a")
+    (found,) = again.open()
+    assert found.read_report() == UPLOAD.report
+    assert found.remove()
+    assert not burst.folder.exists()
+    again.close()
+
+
 def test_what_a_failing_disk_did_not_delete_of_a_recording_that_goes_on_is_not_deleted_later(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

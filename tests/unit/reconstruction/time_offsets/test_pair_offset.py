@@ -40,6 +40,21 @@ def test_half_a_frame_is_measured_within_its_error(drawn: OpenScene) -> None:
     assert fit.misfit_px is None
 
 
+def sway(view: View, time: float) -> View:
+    """Where a camera on a boat stands."""
+    at = np.array([0.06 * time, 0.09 * np.sin(1.3 * time), 0.05 * time])
+    return replace(view, translation=view.translation - view.rotation @ at)
+
+
+def test_cameras_of_one_boat_move_and_those_on_tripods_do_not(
+    scene: Scene, drawn: OpenScene, tmp_path: Path
+) -> None:
+    assert PairOffsets(drawn).moving(PAIR) == {}
+    session = write_session(tmp_path, scene, PAIR, instants=4, truth=False, moved=sway)
+    motion = PairOffsets(OpenScene(Dataset.open(session.folder))).moving(PAIR)
+    assert {name: px > 5 for name, (px, _) in motion.items()} == {"left": True, "right": True}
+
+
 class OtherViews(OpenScene):
     """A drawn scene as another calibration has it, with what was measured in its pictures before."""
 

@@ -1,6 +1,7 @@
 """Bursts as operators ask for them: frames of before, names, notes, one after the other."""
 
 import asyncio
+import json
 from collections.abc import AsyncIterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,9 +20,10 @@ from capture_app.protocol.messages import BurstRequest
 from capture_app.protocol.orders import SaveStamp, StampSaved
 from capture_app.protocol.status import BurstStatus
 from capture_app.rig.rig_link import RigLink, ask_leader
-from capture_app.session.format.manifest import Manifest
+from capture_app.session.format.manifest import EVENTS, Manifest
 from capture_app.session.reading.reader import Session
 from capture_app.sync.clock.clock_filter import PathAsymmetry
+from capture_app.sync.timekeeping.clock_events import TimesDoubted
 from tests.cheap_rig import start_leader
 from tests.waiting import until
 
@@ -121,3 +123,32 @@ async def test_a_node_goes_by_what_was_measured_of_its_link_and_keeps_it(rig: Ri
     kept = DeviceProfiles(tmp_path).read(link_key("a", link.leader.host)).asymmetry
     assert kept is not None
     assert kept.late_ns == late_ns
+
+
+def events_of(done: BurstStatus) -> list[bytes]:
+    assert done.session is not None
+    return Path(done.session, EVENTS).read_bytes().splitlines()
+
+
+async def test_what_happened_before_a_take_is_told_with_that_take_alone(rig: Rig) -> None:
+    told = []
+    for _ in range(2):
+        events = events_of(await take(rig.link, BurstRequest(frames=1)))
+        told.append({line for line in events if json.loads(line).get("camera") == "a"})
+    assert told[0], "its clock was set, at least"
+    assert not told[0] & told[1]
+
+
+@pytest.mark.parametrize("is_before", [True, False])
+async def test_frames_of_before_a_step_that_are_picked_after_it_are_doubted(
+    rig: Rig, is_before: bool
+) -> None:
+    until_ns = host_ns() + (10**12 if is_before else -(10**12))
+    rig.camera._stepped = TimesDoubted(until_ns - 1, until_ns, 5_000_000, 6_000_000, jumped=True)
+    manifest = manifest_of(await take(rig.link, BurstRequest(frames=2)))
+    first_ns = min(image.local_ns or 0 for image in manifest.images)
+    widened = [
+        (times.from_local_ns, times.until_local_ns, times.uncertainty_ns, times.hard_bound_ns)
+        for times in manifest.cameras[0].widened
+    ]
+    assert widened == ([(first_ns, until_ns, 5_000_000, 6_000_000)] if is_before else [])

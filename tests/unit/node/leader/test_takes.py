@@ -3,12 +3,14 @@
 import asyncio
 import json
 from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
 
 from capture_app.cameras.specs import open_camera
+from capture_app.common.address import Address
 from capture_app.common.clock import HostClock
 from capture_app.common.errors import BadInputError
 from capture_app.common.host_clock import host_ns
@@ -16,6 +18,7 @@ from capture_app.common.node_state import NodeState
 from capture_app.node.camera.camera_node import CameraNode
 from capture_app.node.camera.device_profiles import DeviceProfiles, link_key
 from capture_app.node.camera.supervisor import NodeOptions
+from capture_app.node.leader.leader_node import LeaderNode
 from capture_app.protocol.messages import BurstRequest
 from capture_app.protocol.orders import SaveStamp, StampSaved
 from capture_app.protocol.status import BurstStatus
@@ -44,24 +47,35 @@ def link(rig: Rig) -> RigLink:
     return rig.link
 
 
+@asynccontextmanager
+async def running_camera(tmp_path: Path, leader: Address) -> AsyncIterator[CameraNode]:
+    clock = HostClock()
+    options = NodeOptions(
+        profiles=DeviceProfiles(tmp_path),
+        name="a",
+        open_camera=lambda: open_camera("sim:perfect,scale=0.1", clock=clock, name="a"),
+        leaders=(leader,),
+        clock=clock,
+    )
+    camera = CameraNode(options)
+    running = asyncio.create_task(camera.run())
+    yield camera
+    running.cancel()
+    await asyncio.gather(running, return_exceptions=True)
+
+
+async def ready(leader: LeaderNode) -> None:
+    await until(lambda: [node.state for node in leader.status().nodes] == [NodeState.READY])
+
+
 @pytest.fixture
 async def rig(tmp_path: Path) -> AsyncIterator[Rig]:
-    clock = HostClock()
-    async with await start_leader(tmp_path / "sessions") as leader:
-        spec = "sim:perfect,scale=0.1"
-        options = NodeOptions(
-            profiles=DeviceProfiles(tmp_path),
-            name="a",
-            open_camera=lambda: open_camera(spec, clock=clock, name="a"),
-            leaders=(leader.own_address,),
-            clock=clock,
-        )
-        camera = CameraNode(options)
-        running = asyncio.create_task(camera.run())
-        await until(lambda: [node.state for node in leader.status().nodes] == [NodeState.READY])
+    async with (
+        await start_leader(tmp_path / "sessions") as leader,
+        running_camera(tmp_path, leader.own_address) as camera,
+    ):
+        await ready(leader)
         yield Rig(RigLink(leader.own_address), camera)
-        running.cancel()
-        await asyncio.gather(running, return_exceptions=True)
 
 
 async def take(link: RigLink, request: BurstRequest) -> BurstStatus:
@@ -152,3 +166,15 @@ async def test_frames_of_before_a_step_that_are_picked_after_it_are_doubted(
         for times in manifest.cameras[0].widened
     ]
     assert widened == ([(first_ns, until_ns, 5_000_000, 6_000_000)] if is_before else [])
+
+
+async def test_the_exchanges_that_a_node_shows_are_those_with_the_leader_it_follows(tmp_path: Path) -> None:
+    first = await start_leader(tmp_path / "first")
+    async with running_camera(tmp_path, first.own_address) as camera:
+        async with first:
+            await ready(first)
+            earlier = [*camera._samples]
+        async with await start_leader(tmp_path / "second", port=first.address.port) as second:
+            await ready(second)
+            assert earlier
+            assert not [sample for sample in camera._samples if sample in earlier]

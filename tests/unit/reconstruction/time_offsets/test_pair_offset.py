@@ -27,7 +27,10 @@ def drawn(scene: Scene, tmp_path_factory: pytest.TempPathFactory) -> OpenScene:
     falling = replace(scene, boards=[*scene.boards[:-1], replace(scene.boards[-1], path=fall)])
     root = tmp_path_factory.mktemp("falling")
     session = write_session(root, falling, PAIR, instants=4, truth=False, late={"right": -0.5})
-    return OpenScene(Dataset.open(session.folder))
+    opened = OpenScene(Dataset.open(session.folder))
+    # Its calibration is checked once, for all tests.
+    assert {*opened.views} == {*PAIR}
+    return opened
 
 
 def test_half_a_frame_is_measured_within_its_error(drawn: OpenScene) -> None:

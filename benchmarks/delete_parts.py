@@ -3,9 +3,10 @@
     python -m benchmarks.delete_parts capture_app/node/burst --tests tests/unit/node
 
 A part is the body of a private function, a branch, or an exception handler; `suppress` then suppresses
-nothing. Tests are imported once. Each deletion is made in a process forked from there, which runs the tests
-that call the function, cheapest first, until one fails. Programs that tests start have no deletion: what only
-these show survives here. Some deletions change nothing but time, as that of a cache.
+nothing. With `--fine` it is a single statement, or a half of an `and` or `or`, or a comparison has its limit
+on the other side. Tests are imported once. Each deletion is made in a process forked from there, which runs
+the tests that call the function, cheapest first, until one fails. Programs that tests start have no deletion:
+what only these show survives here. Some deletions change nothing but time, as that of a cache.
 """
 
 import argparse
@@ -36,6 +37,13 @@ MIN_TESTS_S, SLOWER = 30.0, 20.0
 Function = ast.FunctionDef | ast.AsyncFunctionDef
 Key = tuple[str, int]
 """File and first line of a function's code."""
+Parts = Iterator[tuple[int, str, ast.AST, str, Any]]
+"""Parts of a function: line, what it is, and the field that loses it with what that has instead."""
+STEPS = (
+    ast.Assign | ast.AugAssign | ast.AnnAssign | ast.Return | ast.Expr | ast.Continue | ast.Break | ast.Raise
+)
+BESIDE = {ast.Lt: ast.LtE, ast.LtE: ast.Lt, ast.Gt: ast.GtE, ast.GtE: ast.Gt}
+"""Each comparison, and that which differs at its limit."""
 
 
 @dataclass(frozen=True)
@@ -73,14 +81,17 @@ class Deletion:
         return live_function(module, self.function)
 
 
-def find_deletions(file: Path) -> list[Deletion]:
-    """Return the deletions of a file, by its path below the checkout, in the order of its lines."""
+def find_deletions(file: Path, *, fine: bool = False) -> list[Deletion]:
+    """Return the deletions of a file, by its path below the checkout, in the order of its lines.
+
+    `fine` ones are of single statements and of halves of conditions.
+    """
     tree = ast.parse((ROOT / file).read_text())
     return sorted(
         (
             Deletion(file, line, what, name, tree, node, field, after)
             for name, function in _functions(tree)
-            for line, what, node, field, after in _parts(function)
+            for line, what, node, field, after in (_fine_parts if fine else _parts)(function)
         ),
         key=lambda of: of.line,
     )
@@ -95,8 +106,31 @@ def _functions(node: ast.AST, above: str = "") -> Iterator[tuple[str, Function]]
             yield f"{above}{child.name}", child
 
 
-def _parts(function: Function) -> Iterator[tuple[int, str, ast.AST, str, Any]]:
-    """Yield each part: its line, what it is, and the field that loses it with what that has instead."""
+def _fine_parts(function: Function) -> Parts:
+    """Yield each statement that holds no others, each half of a condition, and each limit of a comparison."""
+    for node in ast.walk(function):
+        for field in ("body", "orelse", "finalbody"):
+            steps = getattr(node, field, ())
+            for place, step in enumerate(steps if isinstance(steps, list) else ()):
+                # Neither a docstring nor the declaration of a variable does anything.
+                is_idle = isinstance(getattr(step, "value", step), ast.Constant | None)
+                if isinstance(step, STEPS) and not (is_idle and isinstance(step, ast.Expr | ast.AnnAssign)):
+                    kept = [*steps[:place], ast.Pass(), *steps[place + 1 :]]
+                    yield step.lineno, f"statement {ast.unparse(step)[:40]!r}", node, field, kept
+        if isinstance(node, ast.BoolOp):
+            for place, half in enumerate(node.values):
+                always = ast.Constant(isinstance(node.op, ast.And))
+                kept = [*node.values[:place], always, *node.values[place + 1 :]]
+                yield half.lineno, f"condition {ast.unparse(half)[:40]!r}", node, "values", kept
+        elif isinstance(node, ast.Compare):
+            for place, way in enumerate(node.ops):
+                if (beside := BESIDE.get(type(way))) is not None:
+                    kept = [*node.ops[:place], beside(), *node.ops[place + 1 :]]
+                    yield node.lineno, f"limit of {ast.unparse(node)[:40]!r}", node, "ops", kept
+
+
+def _parts(function: Function) -> Parts:
+    """Yield the parts of which each is a behaviour of its own."""
     if function.name.startswith("_") and not function.name.endswith("__"):
         yields = any(isinstance(node, ast.Yield | ast.YieldFrom) for node in ast.walk(function))
         nothing = [ast.Return(), *([ast.Expr(ast.Yield())] if yields else [])]
@@ -234,12 +268,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("folders", nargs="+", type=Path, help="Folders or files below the checkout.")
     parser.add_argument("--tests", action="append", required=True, help="Tests' folder or file; repeatable.")
+    parser.add_argument("--fine", action="store_true", help="Single statements and halves of conditions.")
     parser.add_argument("--count", type=int, help="Number of deletions, drawn at random; default: all.")
     parser.add_argument("--seed", type=int, default=1)
     asked = parser.parse_args()
     os.chdir(ROOT)
     files = [file for of in asked.folders for file in ([of] if of.is_file() else sorted(of.rglob("*.py")))]
-    deletions = [of for file in files for of in find_deletions(file)]
+    deletions = [of for file in files for of in find_deletions(file, fine=asked.fine)]
     if asked.count is not None and asked.count < len(deletions):
         chosen = {*random.Random(asked.seed).sample(range(len(deletions)), asked.count)}
         deletions = [of for number, of in enumerate(deletions) if number in chosen]

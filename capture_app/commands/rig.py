@@ -15,7 +15,7 @@ from capture_app.commands.shared_options import (
 )
 from capture_app.common.address import Address
 from capture_app.common.stagger import OFF, Stagger
-from capture_app.console.terminal import ParsedType, answer, json_option, table
+from capture_app.console.terminal import ParsedType, answer, json_option, table, talk
 from capture_app.console.usage import examples
 
 
@@ -43,10 +43,13 @@ def start(
     as_json: bool,
 ) -> None:
     """Start a rig that keeps running, and print its address."""
+    from capture_app.machine.doctor import warnings_for_leader
     from capture_app.rig.process import start_rig
 
     starting = start_rig(sessions=sessions, host=host, port=port, cameras=cameras, stagger=stagger)
     started = asyncio.run(starting)
+    for warning in warnings_for_leader(host, started.address.port, sessions):
+        talk(warning)
     until = f"it runs until: capture-app rig stop --leader {started.leader}"
     answer(as_json, started, [started.leader], said=until)
 

@@ -162,10 +162,10 @@ def require_whole(ended: "TakeEnd", max_missing_pct: float = 0.0) -> None:
     status = ended.status
     missing = status.expected - status.received
     if missing > max_missing_pct / 100 * status.expected:
-        verdict = _verdict_of(ended)
+        # A verdict is printed already, and says why.
+        why = f"; {status.message}" if status.message and _verdict_of(ended) is None else ""
         raise IncompleteError(
-            f"{status.name} is incomplete: {missing} of {count(status.expected, 'image')} missing;"
-            f" {status.message if verdict is None else verdict.headline}",
+            f"{status.name} is incomplete: {missing} of {count(status.expected, 'image')} missing{why}",
             hint="images that nodes still have are added when they connect: capture-app sessions list",
         )
     if missing:

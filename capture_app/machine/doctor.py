@@ -41,7 +41,8 @@ from capture_app.trust.trust import Trust
 
 Grade = Literal["good", "note", "warning", "problem"]
 """A problem prevents this machine from taking part; a warning degrades it or makes it less reliable."""
-SAMPLE_BYTES = 16 << 20
+SAMPLE_BYTES, LEADERS_SAMPLE_BYTES = 16 << 20, 4 << 20
+"""Written to measure a disk; a leader that starts waits for less."""
 USB_2_MBIT_S = 480
 MAX_SHOWN = 5
 """Maximum number of a spool's bursts that are listed."""
@@ -100,15 +101,16 @@ def disk(folder: Path, holds: str, option: str, sample_bytes: int = SAMPLE_BYTES
     try:
         while not folder.exists() and folder != folder.parent:
             folder = folder.parent
-        mb_s, free = _write_speed(folder, sample_bytes), free_bytes(folder)
+        mb_s, free, lacks = _write_speed(folder, sample_bytes), free_bytes(folder), missing_abilities(folder)
     except (OSError, DiskError) as error:
-        failure = error if isinstance(error, DiskError) else disk_error(error, folder)
+        # Of the folder, not of the file that was to try it.
+        failure = error if isinstance(error, DiskError) else disk_error(OSError(*error.args), folder)
         return Finding("disk", "problem", f"{holds}: {failure.what}", other)
     remedy = f"free some space, or {other}" if free < (1 << 30) else ""
     if mb_s < SLOW_MB_S:
         remedy = remedy or f"{other} on a faster disk"
     what = f"{holds}: {mb_s:.0f} MB/s to {folder}, {megabytes(free)} free"
-    if lacks := missing_abilities(folder):
+    if lacks:
         what, remedy = f"{what}; {'; '.join(lacks)}", remedy or f"go on, or {other}"
     return Finding("disk", "warning" if remedy else "good", what, remedy)
 
@@ -259,16 +261,18 @@ async def _announced_leader(found: FoundLeader) -> Finding:
 
 
 def warnings_for_leader(host: str, port: int, sessions: Path, root: Path = Path("/")) -> list[str]:
-    """Return warnings about this machine as a leader's: what `sessions` lacks, and what hinders cameras.
+    """Return warnings about this machine as a leader's: of its sessions' disk, and what hinders cameras.
 
     Nothing of the network for a leader that only this machine can reach. `root` is the root of the
     machine's files.
     """
-    lacks = [f"{sessions}: {lack}" for lack in missing_abilities(sessions)] if sessions.is_dir() else []
-    if not announced_hosts(host):
-        return lacks
-    checks = (*firewalls(active_firewalls(root), [port]), *wifi(wifi_interfaces(root / "sys/class/net")))
-    return lacks + [f"{finding.text}: {finding.remedy}" for finding in checks if finding.grade == "warning"]
+    checks = [disk(sessions, "sessions", "--sessions", LEADERS_SAMPLE_BYTES)]
+    if announced_hosts(host):
+        checks += firewalls(active_firewalls(root), [port])
+        checks += wifi(wifi_interfaces(root / "sys/class/net"))
+    return [
+        f"{finding.text}: {finding.remedy}" for finding in checks if finding.grade in ("warning", "problem")
+    ]
 
 
 def firewalls(active: Sequence[Firewall], ports: Sequence[int]) -> Iterator[Finding]:

@@ -170,7 +170,11 @@ class ResumedBursts:
 
 
 def interrupted_folders(root: Path) -> Iterator[Path]:
-    """Yield the folders of unfinished bursts that no process writes, oldest first."""
-    for plan in sorted(root.glob(f"*/{PLAN}")):
-        if writing_state(plan.parent).startswith("interrupted"):
-            yield plan.parent
+    """Yield the folders of unfinished bursts that no process writes, oldest first, but unreadable ones."""
+    plans = list[Path]()
+    with suppress(OSError):
+        plans += sorted(root.glob(f"*/{PLAN}"))
+    for plan in plans:
+        with suppress(OSError):
+            if writing_state(plan.parent).startswith("interrupted"):
+                yield plan.parent

@@ -23,7 +23,10 @@ from reconstruction.scene.dataset import Dataset
 HINT = "give a folder with a file or folder for each camera, named like it"
 SESSION = "session"
 """Value of `--label-start`: the session's own images were labelled."""
-_BROKEN = StopIteration, EOFError, RecursionError, csv.Error, pickle.UnpicklingError
+_BROKEN = (
+    *(ValueError, LookupError, TypeError, AttributeError, OverflowError),
+    *(StopIteration, EOFError, RecursionError, csv.Error, pickle.UnpicklingError),
+)
 
 
 class _Images(NamedTuple):
@@ -170,10 +173,19 @@ def _named(text: str, cameras: Mapping[str, str]) -> str:
 
 def _read(paths: Sequence[Path]) -> Labels | Sequence[Labels] | None:
     """Return what the first reader that knows the files finds: one camera's labels, or all cameras'."""
-    with rejecting(f"{paths[0]} is broken", ValueError, LookupError, TypeError, AttributeError, *_BROKEN):
+    with rejecting(f"{paths[0]} is broken", *_BROKEN):
         for reader in load_readers().values():
             if paths[0].suffix.lower() in reader.suffixes and (labels := reader.read(paths)) is not None:
-                if not all(one.pixels.size for one in ([labels] if isinstance(labels, Labels) else labels)):
-                    raise ValueError("it has no labels")
+                for one in [labels] if isinstance(labels, Labels) else labels:
+                    _check(one)
                 return labels
     return None
+
+
+def _check(labels: Labels) -> None:
+    """Raise ValueError for labels without joints, or with other joints or bones than their skeleton's."""
+    joints, joined = len(labels.skeleton.joints), {k for bone in labels.skeleton.bones for k in bone}
+    if not labels.pixels.size:
+        raise ValueError("it has no labels")
+    if joints != labels.pixels.shape[2] or not joined <= {*range(joints)}:
+        raise ValueError(f"its people or its bones have joints other than the {joints} that it names")

@@ -50,7 +50,8 @@ class JointReader:
     """`read(files)`: return the labels of one camera's files; None if they are another program's.
 
     Files are one, or several JSON files of a folder. A sequence of labels is of all cameras, in the order of
-    their names. Any ValueError, LookupError, TypeError or AttributeError means that a file is broken.
+    their names. Any ValueError, LookupError, TypeError, AttributeError or OverflowError means that a file is
+    broken.
     """
 
 

@@ -131,3 +131,15 @@ def test_few_missing_frames_are_said_and_no_failure(capsys: pytest.CaptureFixtur
 def test_more_than_was_asked_for_is_incomplete(received: int, max_missing_pct: float) -> None:
     with pytest.raises(IncompleteError, match="incomplete"):
         require_whole(saved(received), max_missing_pct)
+
+
+async def test_the_verdict_of_an_incomplete_take_is_said_once(
+    rig: FakeRig, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (ended,) = await run(rig, frames=3)
+    assert isinstance(ended, Saved)
+    assert ended.verdict is not None
+    with pytest.raises(IncompleteError) as raised:
+        require_whole(msgspec.structs.replace(ended, status=saved(899).status))
+    assert str(raised.value).startswith("r is incomplete: 1 of 900 images missing (")
+    assert (capsys.readouterr().err + str(raised.value)).count(ended.verdict.headline) == 1

@@ -164,6 +164,17 @@ async def test_a_relay_passes_on_no_payload_of_a_streams_first_message(
     assert payloads == [MB, 0]
 
 
+async def test_a_relay_holds_nothing_of_streams_that_have_ended(tmp_path: Path) -> None:
+    async with relays(tmp_path, 1) as (_, near, trust):
+        operator = introduced(tmp_path, trust, "operator", Role.OPERATOR)
+        await until(lambda: near._upstream)
+        for _ in range(3):
+            async with await connect(near.address, FromLeader, trust=operator) as channel:
+                assert isinstance(await ask(channel, wire.StatusRequest()), wire.StatusAnswer)
+                assert len(near._upstream_channels) == 1
+            await until(lambda: not near._upstream_channels)
+
+
 async def test_previews_of_one_machine_have_one_share_of_memory(
     tmp_path: Path, trust: Trust, leader: LeaderNode, monkeypatch: pytest.MonkeyPatch
 ) -> None:

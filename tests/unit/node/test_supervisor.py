@@ -11,6 +11,7 @@ from msgspec.structs import replace
 
 from capture_app.cameras.frames import CapturedFrame
 from capture_app.common import host_clock
+from capture_app.common.camera_facts import Control
 from capture_app.common.errors import CameraError
 from capture_app.node.camera import supervisor
 from capture_app.node.camera.supervisor import CameraSupervisor, NodeOptions
@@ -115,13 +116,31 @@ async def test_a_camera_opened_again_goes_on_counting_streams(bench: Bench) -> N
     first.on_failure(CameraError("unplugged"))
     second = await bench.next_camera()
     await started(second)
-    second.on_frame(frame(1))
+    second.on_frame(frame(0))
     await asyncio.sleep(0)
     assert [len(batch) for batch in bench.batches] == [3, 1], "what arrives together is passed on together"
     streams = [stamp.stream for stamp in bench.stamps]
     assert streams == sorted(set(streams))
     assert len(streams) == 4
     assert bench.failures == ["unplugged", ""]
+
+
+async def test_what_an_operator_has_set_is_set_again_on_a_camera_that_comes_back(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    has_set = list[tuple[FakeCamera, Control, float | None]]()
+
+    async def set_control(camera: FakeCamera, control: Control, value: float | None) -> None:
+        has_set.append((camera, control, value))
+
+    monkeypatch.setattr(FakeCamera, "set_control", set_control)
+    first = await bench.next_camera()
+    await started(first)
+    bench.supervisor.controls.held[Control.GAIN] = 3.0
+    first.on_failure(CameraError("unplugged"))
+    second = await bench.next_camera()
+    await started(second)
+    assert has_set == [(second, Control.GAIN, 3.0)]
 
 
 async def test_a_camera_that_does_not_start_is_released() -> None:

@@ -27,7 +27,7 @@ def read(files: Sequence[Path]) -> Labels | None:
             return None
         if isinstance(content, dict) and (kinds := content.get("categories")):
             bones = tuple((a - 1, b - 1) for a, b in kinds[0].get("skeleton", ()))
-            skeleton = Skeleton(tuple(kinds[0]["keypoints"]), bones)
+            skeleton = Skeleton(tuple(map(str, kinds[0]["keypoints"])), bones)
         for image, people in _images(path, content):
             own = frames.setdefault(number_in(str(image)), [])
             own += map(_joints, people)

@@ -1,10 +1,12 @@
 """What is wrong with a machine is found, with the line that repairs it."""
 
+import errno
 import os
 from pathlib import Path
 
 import pytest
 
+from capture_app.common import system
 from capture_app.common.camera_facts import CameraListing
 from capture_app.machine import doctor
 from capture_app.machine.doctor import usb_cameras
@@ -32,6 +34,36 @@ def test_a_disk_that_cannot_be_written_is_a_problem() -> None:
     found = doctor.disk(Path("/dev/full/spool"), "the spool", "--spool", SAMPLE_BYTES)
     assert found.grade == "problem"
     assert "choose another folder with --spool" in found.remedy
+
+
+def test_a_disk_that_fails_in_the_check_itself_is_a_problem(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As a share does that is lost between two calls."""
+
+    def failing(_: Path) -> list[str]:
+        raise OSError(errno.EIO, os.strerror(errno.EIO), f"{tmp_path}/.simulshot-1/file")
+
+    monkeypatch.setattr(doctor, "missing_abilities", failing)
+    found = doctor.disk(tmp_path, "sessions", "--sessions", SAMPLE_BYTES)
+    assert (found.grade, found.text) == ("problem", f"sessions: cannot write {tmp_path}: Input/output error")
+
+
+@pytest.mark.parametrize("name", ["file", "file/sessions"])
+def test_a_leader_whose_folder_takes_nothing_says_so(tmp_path: Path, name: str) -> None:
+    (tmp_path / "file").write_text("")
+    (warning,) = doctor.warnings_for_leader("127.0.0.1", 47010, tmp_path / name, tmp_path)
+    said = f"sessions: cannot write {tmp_path}/file: Not a directory: choose another folder with --sessions"
+    assert warning == said
+
+
+def test_a_leader_on_a_full_disk_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(system, "sync_data", full)
+    (warning,) = doctor.warnings_for_leader("127.0.0.1", 47010, tmp_path, tmp_path)
+    assert warning.startswith(f"sessions: the disk of {tmp_path} is full: choose another folder")
 
 
 def test_cameras_that_may_not_be_used_say_how_they_may(tmp_path: Path) -> None:

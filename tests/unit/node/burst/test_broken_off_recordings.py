@@ -23,7 +23,12 @@ from capture_app.common.errors import (
     TryAgainError,
 )
 from capture_app.common.node_state import NodeState
-from capture_app.common.timeouts import AFTER_LAST_INSTANT_NS, CAMERA_DISCONNECTED_NS, CAMERA_STALLED_NS
+from capture_app.common.timeouts import (
+    AFTER_LAST_INSTANT_NS,
+    ALL_DISCONNECTED_NS,
+    CAMERA_DISCONNECTED_NS,
+    CAMERA_STALLED_NS,
+)
 from capture_app.machine.repair import repair
 from capture_app.node.burst import intake
 from capture_app.node.burst.burst_session import BurstSession
@@ -286,6 +291,46 @@ async def test_a_recording_stays_open_while_all_its_cameras_are_silent(tmp_path:
     assert not session.finished.is_set()
     await session.give_up_silent_cameras({}, last_ns + AFTER_LAST_INSTANT_NS + CAMERA_DISCONNECTED_NS)
     assert session.finished.is_set()
+
+
+@pytest.mark.virtual
+async def test_a_camera_that_was_silent_and_has_brought_all_is_not_waited_for(tmp_path: Path) -> None:
+    session = recording_of(tmp_path, "a", frames=1000)
+    await begin(session, "a")
+    await bring(session, "a", 0, 1)
+    first_ns, last_ns = session.burst.instants_ns[0], session.burst.instants_ns[-1]
+    for now_ns in (first_ns, first_ns + CAMERA_DISCONNECTED_NS + AFTER_LAST_INSTANT_NS):
+        await session.give_up_silent_cameras({}, now_ns)
+    assert "waiting for all cameras" in session.status.message
+    dropped = MissingRun(first=2, count=998, reason="the camera dropped the frame", dropped=True)
+    all_of_it = report("a").with_plan(picked=1000, missing_runs=(dropped,))
+    await session.accept_report(all_of_it, last_ns + 1)
+    assert session.finished.is_set()
+    assert len(whole(session.folder).manifest.missing) == 998
+
+
+@pytest.mark.virtual
+async def test_cameras_that_stay_silent_are_waited_for_an_hour_from_the_last_that_was_heard(
+    tmp_path: Path,
+) -> None:
+    session = recording_of(tmp_path, "a", "b")
+    await begin(session, "a", "b")
+    for camera in ("a", "b"):
+        await bring(session, camera, 0)
+    first_ns = session.burst.instants_ns[0]
+    session.burst = replace_instants(session.burst, first_ns + 4 * ALL_DISCONNECTED_NS)
+    heard_ns = first_ns + ALL_DISCONNECTED_NS // 2
+    for now_ns in (first_ns, first_ns + CAMERA_STALLED_NS):
+        await session.give_up_silent_cameras({}, now_ns)
+    await session.accept_report(report("b").with_plan(picking=True), heard_ns)
+    # Of what they have, they may bring the rest in any of these minutes.
+    for after_ns, ended in (
+        (CAMERA_STALLED_NS, False),
+        (ALL_DISCONNECTED_NS - 1, False),
+        (ALL_DISCONNECTED_NS, True),
+    ):
+        await session.give_up_silent_cameras({}, heard_ns + after_ns)
+        assert session.finished.is_set() == ended
 
 
 async def test_the_next_run_waits_for_a_recording_until_its_ordered_end(tmp_path: Path) -> None:

@@ -1,5 +1,6 @@
 """A burst on the leader's side: whatever comes or does not come, a session that says so."""
 
+import asyncio
 import hashlib
 import os
 from collections.abc import AsyncIterator
@@ -11,7 +12,7 @@ from msgspec.structs import replace
 
 from capture_app.common.errors import BadInputError
 from capture_app.common.timeouts import CAMERA_DISCONNECTED_NS, CAMERA_STALLED_NS, MIN_UPLOAD_BYTES_PER_S
-from capture_app.node.burst.burst_session import BurstSession
+from capture_app.node.burst.burst_session import MARK_MARGIN_NS, BurstSession
 from capture_app.node.burst.plans import burst_record, result_text
 from capture_app.node.leader.bursts import create_numbered
 from capture_app.session.format.manifest import AbsentCamera, MissingImage, PhaseRecord
@@ -26,6 +27,7 @@ from tests.unit.node.bursts import (
     DISK,
     IMAGE,
     INSTANTS_NS,
+    LEADER,
     PERIOD_NS,
     burst_session,
     pieces,
@@ -250,3 +252,17 @@ async def test_people_read_what_owners_call_the_cameras(tmp_path: Path) -> None:
     gap = MissingImage(camera="cam1", instant=1, reason="dropped it")
     titles = {"cam1": "カメラ"}
     assert result_text(burst_record(burst), [gap], titles) == "1 image missing (カメラ: dropped it)"
+
+
+async def test_a_mark_belongs_to_the_open_take_of_this_run_around_its_time(tmp_path: Path) -> None:
+    session = burst_session(tmp_path, "a")
+    await session.write_plan(LEADER)
+    begins_ns, ends_ns = INSTANTS_NS[0] - MARK_MARGIN_NS, INSTANTS_NS[-1] + MARK_MARGIN_NS
+    assert [session.contains(at_ns) for at_ns in (begins_ns - 1, begins_ns, ends_ns, ends_ns + 1)] == [
+        False, True, True, False,
+    ]  # fmt: skip
+    await session.suspend()
+    assert not session.contains(begins_ns), "it is closed"
+    again = await asyncio.to_thread(BurstSession.resume, session.folder, 0, DISK)
+    assert not again.contains(begins_ns), "the leader's clock was another one"
+    await again.suspend()

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from capture_app.common.errors import DiskFullError, TryAgainError
+from capture_app.common.errors import DiskError, DiskFullError, TryAgainError
 from capture_app.node.burst.intake import Intake
 from capture_app.protocol.messages import ImageBatch
 from capture_app.session.format.manifest import MissingImage
@@ -141,3 +141,33 @@ async def test_whose_pictures_are_waited_for_is_told_a_second_after_the_last_ins
     await session.accept_report(report("a", missing=tuple(gaps)), now_ns=0)
     assert session.status.message == "waiting for images of cam03"
     await session.suspend()
+
+
+class OneBroken(SessionWriter):
+    """Cannot sync the video of b."""
+
+    def sync(self, *cameras: str) -> None:
+        if "b" in cameras:
+            raise DiskError("its file is gone")
+        super().sync(*cameras)
+
+
+@pytest.mark.virtual
+async def test_a_video_that_cannot_be_synced_costs_no_other_camera_a_frame(tmp_path: Path) -> None:
+    writer = OneBroken.create(tmp_path, "walk")
+    burst = Burst(1, range(4), PERIOD_NS, 0, ("a", "b"), streamed=True, video=True)
+    intake = Intake(writer, DISK, burst, asyncio.Event(), ["a", "b"])
+
+    async def receive(name: str, instant: int) -> "asyncio.Future[str]":
+        batch = ImageBatch(images=(upload(name, instant),))
+        return await intake.receive(batch, pieces(IMAGE), (640, 480))
+
+    # The first round is over, and the next one has both.
+    await (await receive("a", 0))
+    broken, whole = await receive("b", 1), await receive("a", 1)
+    assert await whole == upload("a", 1).sha256
+    with pytest.raises(DiskError, match="its file is gone"):
+        await broken
+    assert writer.has("a", 1)
+    assert not writer.has("b", 1)
+    writer.abort()

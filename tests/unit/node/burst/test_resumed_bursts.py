@@ -1,7 +1,9 @@
 """Bursts of earlier runs, images that come late, streams that break off, and disks without room."""
 
 import asyncio
+import errno
 import hashlib
+import os
 from collections.abc import AsyncIterator
 from pathlib import Path
 
@@ -13,12 +15,13 @@ import pytest
 from capture_app.common.address import Address
 from capture_app.common.errors import BadInputError, NetworkError, TryAgainError
 from capture_app.machine.repair import repair
+from capture_app.node.burst import resumed_bursts
 from capture_app.node.burst.burst_session import BurstSession
 from capture_app.node.burst.resumed_bursts import ResumedBursts, interrupted_folders
 from capture_app.node.camera.spool import Spool
 from capture_app.protocol.log import Log
 from capture_app.session.format.manifest import MissingImage
-from capture_app.session.reading.reader import Session
+from capture_app.session.reading.reader import Session, writing_state
 from capture_app.session.reading.verify import verify
 from tests.unit.node.bursts import (
     CAMERA,
@@ -80,6 +83,26 @@ async def test_a_stream_that_leaves_out_or_changes_bytes_is_told_to_try_again(tm
         await receive_image(session, upload("a", 0), pieces(IMAGE[:-1] + b"?"))
     assert (await session.accept_report(report("a", 0, 1), 0)).receipts == (), "nothing of it is kept"
     await session.suspend()
+
+
+async def test_unreadable_folders_hide_no_other_interrupted_session(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first = await begun_session(tmp_path, "a")
+    await first.suspend()
+    lost = first.folder.rename(tmp_path / "a-lost-one")
+    session = await begun_session(tmp_path, "b")
+    await session.suspend()
+
+    def state(folder: Path) -> str:
+        if folder == lost:
+            raise OSError(errno.EIO, os.strerror(errno.EIO))
+        return writing_state(folder)
+
+    monkeypatch.setattr(resumed_bursts, "writing_state", state)
+    assert list(interrupted_folders(tmp_path)) == [session.folder]
+    too_long = tmp_path / ("x" * 300)
+    assert list(interrupted_folders(too_long)) == [], "a leader starts all the same, and says so"
 
 
 async def test_the_next_run_takes_up_what_was_interrupted_and_what_comes_late(tmp_path: Path) -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 from msgspec.structs import replace
 
+from capture_app.cameras.frames import CapturedFrame
 from capture_app.node.camera.burst_upload import (
     BATCH_BYTES,
     Upload,
@@ -16,7 +17,8 @@ from capture_app.node.camera.burst_upload import (
 )
 from capture_app.node.camera.spool import Spool, SpoolFolder
 from capture_app.protocol.messages import MAX_BATCH_IMAGES, ImageUpload
-from tests.unit.node.camera.uploading import Picture, burst_upload, further
+from capture_app.sync.rig.frame_selection import SelectedFrame
+from tests.unit.node.camera.uploading import CAMERA, Picture, burst_upload, further
 
 DATA = [b"picture %d" % n for n in range(6)]
 FRAMES = [*burst_upload(*map(Picture, DATA)).frames]
@@ -249,3 +251,21 @@ def test_a_decision_ends_the_selection_of_a_burst_but_not_of_a_recording(streame
     upload.streamed, upload.on_commit = streamed, lambda: told.append(True)
     sending(upload)
     assert bool(told) is not streamed
+
+
+def test_a_header_has_its_frames_times_and_all_their_errors() -> None:
+    """A phone's clock is another one than its node's: both are wrong by something."""
+    frame = CapturedFrame(
+        7, 2, 990, Picture(DATA[0]), exposure_ns=40, gain=1.5, true_ns=12, clock_uncertainty_ns=300
+    )
+    picked = SelectedFrame(3, 1_010, 2_010, -8, 50, 60, 9, frame, alignment_offset_ns=20)
+    image, data = encode_frame(burst_upload().report, picked)
+    record = image.record
+    assert (record.camera, record.instant, record.sequence) == ("a", 3, 7)
+    assert (record.local_ns, record.leader_ns, record.residual_ns) == (1_010, 2_010, -8)
+    assert (record.uncertainty_ns, record.hard_bound_ns) == (50 + 300, 60)
+    assert (record.outlier_ns, record.alignment_offset_ns, image.true_ns) == (9, 20, 12)
+    # It begins where the timestamp says, not the moment that was aligned.
+    assert record.exposure_start_ns == CAMERA.exposure_start_ns(2_010 - 20, 40)
+    assert (record.exposure_ns, record.gain) == (40, 1.5)
+    assert (record.bytes, record.sha256, data) == (len(DATA[0]), receipt(DATA[0]), DATA[0])

@@ -1,18 +1,25 @@
 """A burst's folder in the spool, which the encoder writes while the sender takes it away."""
 
+import asyncio
 import errno
 import os
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import pytest
 from msgspec.structs import replace
 
+from capture_app.common.tasks import end
+from capture_app.node.camera import spool
 from capture_app.node.camera.burst_upload import encode_frame
 from capture_app.node.camera.spool import Spool, SpoolFolder, free_spool
+from capture_app.node.camera.uploader import Uploader
+from capture_app.protocol.log import Log
 from capture_app.protocol.messages import CameraReport
+from capture_app.session.files import durable
 from tests.unit.node.camera.uploading import Picture, burst_upload
+from tests.waiting import until
 
 UPLOAD = burst_upload(Picture(b"zero"))
 
@@ -70,6 +77,34 @@ def test_what_a_failing_disk_does_not_delete_goes_when_it_is_usable_again(
     spool.close()
 
 
+@pytest.mark.parametrize("deleted", range(3))
+def test_what_a_burst_still_has_when_its_deletion_ends_early_is_deleted_by_the_next_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, deleted: int
+) -> None:
+    """Of a burst without its report nobody would know whose images they are."""
+    spool = Spool(tmp_path, "a")
+    spool.open()
+    burst = spool.create_burst(UPLOAD.report)
+    add_image(burst, UPLOAD.report)
+    unlink, left = Path.unlink, iter(range(deleted))
+
+    def delete(path: Path, missing_ok: bool = False) -> None:
+        if next(left, None) is None:
+            raise OSError(errno.EIO, os.strerror(errno.EIO))
+        unlink(path, missing_ok)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "unlink", delete)
+        assert not burst.remove()
+    spool.close()
+    again = Spool(tmp_path, "a")
+    (found,) = again.open()
+    assert found.read_report() == UPLOAD.report
+    assert found.remove()
+    assert not burst.folder.exists()
+    again.close()
+
+
 def test_what_a_failing_disk_did_not_delete_of_a_recording_that_goes_on_is_not_deleted_later(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -87,16 +122,31 @@ def test_what_a_failing_disk_did_not_delete_of_a_recording_that_goes_on_is_not_d
     spool.close()
 
 
-def test_what_a_killed_run_wrote_is_synced_by_the_next(tmp_path: Path) -> None:
-    """It was in the machine's memory alone, and a power cut afterwards lost it."""
-    spool = Spool(tmp_path, "a")
-    spool.open()
-    add_image(spool.create_burst(UPLOAD.report), UPLOAD.report)
-    spool.close()
+@pytest.mark.virtual
+async def test_what_a_killed_run_wrote_is_synced_by_the_next(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It was in the machine's memory alone, and a power cut afterwards lost it: no leader need be there."""
+    left = Spool(tmp_path, "a")
+    left.open()
+    burst = left.create_burst(UPLOAD.report)
+    add_image(burst, UPLOAD.report)
+    left.close()
+    synced = list[Path]()
+
+    def sync_all(paths: Iterable[Path]) -> dict[Path, OSError]:
+        synced.extend(paths)
+        return durable.sync_all(synced)
+
+    monkeypatch.setattr(spool, "sync_all", sync_all)
     again = Spool(tmp_path, "a")
-    (left,) = again.open()
-    assert len([*left.film.recover()]) == 1
-    assert {path.suffix for path in left.film.to_sync()} == {".film", ".ndjson"}
+    uploader = Uploader("a", 1, Log(), again)
+    uploader.load_spool()
+    running = asyncio.create_task(uploader.run())
+    await until(lambda: synced)
+    assert {burst.folder / name for name in ("report.json", "000001.film", "000001.ndjson")} <= {*synced}
+    await end(running)
+    await uploader.aclose()
     again.close()
 
 

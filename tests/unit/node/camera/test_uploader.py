@@ -1,6 +1,7 @@
 """The uploader against a leader that misbehaves, over real loopback streams."""
 
 import asyncio
+import hashlib
 import shutil
 from collections.abc import Sequence
 from dataclasses import replace
@@ -18,6 +19,7 @@ from capture_app.node.camera.uploader import MAX_IN_FLIGHT, MAX_WAITING_BURSTS, 
 from capture_app.protocol.log import Log
 from capture_app.protocol.messages import (
     CameraReport,
+    ImageAck,
     ImageBatch,
     Refusal,
     ReportAck,
@@ -71,6 +73,26 @@ async def test_what_was_not_acknowledged_is_sent_again_and_developed_once() -> N
     assert stored == {n: picture.data for n, picture in enumerate(pictures)}
     assert [picture.encoded for picture in pictures] == [1, 1, 1, 1]
     assert streams == 3
+
+
+async def test_an_image_of_which_the_leader_confirms_other_bytes_is_kept_and_sent_again() -> None:
+    received = list[bytes]()
+
+    async def serve(channel: Channel[ToLeader]) -> None:
+        while (message := await received_from(channel)) is not None:
+            if not isinstance(message[0], ImageBatch):
+                await channel.send(ReportAck())
+                continue
+            received.append(message[1])
+            others = hashlib.sha256(b"another picture").hexdigest()
+            await channel.send(ImageAck(sha256=message[0].sha256 if received[1:] else others))
+
+    said = list[str]()
+    async with uploading(serve, said) as uploader:
+        uploader.add_burst(burst_upload(Picture(b"a picture")))
+        await until(lambda: received[1:] and not uploader.is_busy)
+    assert received == [b"a picture", b"a picture"]
+    assert said == ["images wait: the leader has another checksum than the image sent"]
 
 
 async def test_a_path_that_takes_short_messages_only_is_named(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -3,7 +3,8 @@
 from collections.abc import AsyncIterator
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import pytest
 
@@ -11,14 +12,17 @@ from capture_app.common.camera_facts import EXACT_STAMPS
 from capture_app.common.errors import NetworkError, SimulshotError, UnknownMachineError
 from capture_app.common.pairing_codes import Role
 from capture_app.net.channel import Channel, connect
-from capture_app.node.enrolment import ask_to_enrol, is_known, pair
+from capture_app.node.enrolment import LOOK_EVERY_NS, Enrolment, ask_to_enrol, is_known, pair
 from capture_app.node.leader.leader_node import LeaderNode
 from capture_app.protocol import messages, orders, pairing_messages
+from capture_app.protocol.log import Log
 from capture_app.protocol.messages import FromLeader, NodeStream, Refusal
-from capture_app.trust.trust import Trust
+from capture_app.trust.sealed_engines import SealedLeader
+from capture_app.trust.trust import Peer, Trust
 from tests.cheap_rig import start_leader
 from tests.unit.net.echoes import received_from
 from tests.unit.node.joining import joined
+from tests.unit.node.sealed_nodes import introduced
 
 
 @pytest.fixture
@@ -207,3 +211,39 @@ async def test_a_camera_brings_its_own_pictures_and_no_other_machines(
                 opening = NodeStream(camera=name, instance=PICTURES_OF[name], shows=shows)
                 answer = await ask(leader, trust, opening)
                 assert isinstance(answer, Refusal) is not may, (name, trust, shows)
+
+
+def enrolment_of(trust: Trust, kept: list[set[str]]) -> Enrolment:
+    """An enrolment that notes whose keys it keeps each time that it revokes some."""
+    sealed = SimpleNamespace(
+        keys=SimpleNamespace(revoke_all_but=kept.append),
+        refusals=SimpleNamespace(take_events=lambda _: ()),
+        set_direct_pins=lambda *_: None,
+    )
+    return Enrolment(trust, Log(), cast(SealedLeader, sealed))
+
+
+def test_nodes_ask_for_keys_anew_when_a_standby_becomes_known(tmp_path: Path, home: Trust) -> None:
+    """The answer says who may lead in the leader's place: who keeps its key would not follow that one."""
+    camera, kept = introduced(tmp_path, home, "camera").identity.pin, list[set[str]]()
+    enrolment, own = enrolment_of(home, kept), home.identity.pin
+    enrolment.look(0)
+    assert kept == [{own, camera}]
+    enrolment.look(LOOK_EVERY_NS)
+    assert len(kept) == 1, "nothing has changed"
+    second = introduced(tmp_path, home, "second", Role.STANDBY).identity.pin
+    enrolment.look(2 * LOOK_EVERY_NS)
+    assert kept[1:] == [{own}]
+    other = introduced(tmp_path, home, "other").identity.pin
+    enrolment.look(3 * LOOK_EVERY_NS)
+    assert kept[2:] == [{own, camera, second, other}]
+
+
+async def test_a_relay_speaks_for_cameras_and_operators_alone(home: Trust) -> None:
+    relay = Peer("relay's pin", "relay", frozenset({Role.RELAY}))
+    channel: Any = SimpleNamespace(who=relay)
+    said = pairing_messages.SpeaksFor(pin="its pin", name="node", roles=tuple(Role), node=("cam0", 1))
+    await enrolment_of(home, []).answer(channel, said)
+    assert channel.who == Peer(
+        "its pin", "node", frozenset({Role.CAMERA, Role.OPERATOR}), via="relay's pin", node=("cam0", 1)
+    )

@@ -23,7 +23,7 @@ from capture_app.common.timeouts import (
 from capture_app.machine.repair import repair
 from capture_app.net.udp import Pump
 from capture_app.node.burst.burst_session import BurstSession
-from capture_app.node.leader.bursts import MAX_BURSTS_AHEAD, ActiveBursts
+from capture_app.node.leader.bursts import MAX_BURSTS_AHEAD, MAX_OPEN_BURSTS, ActiveBursts
 from capture_app.node.leader.leader_options import LeaderOptions
 from capture_app.protocol.log import Log
 from capture_app.session.format.manifest import AbsentCamera
@@ -109,6 +109,7 @@ async def test_a_cancelled_burst_is_forgotten_by_its_nodes(tmp_path: Path) -> No
             await bursts.find_session(late, "")
         again = await order(bursts)
         assert again.burst.number > number
+        assert again.folder.name == "burst-002", "what somebody has noted of burst-001 is of no other"
 
 
 @pytest.mark.parametrize("what", ["cancelled", "ended"])
@@ -197,6 +198,15 @@ async def test_bursts_ahead_are_bounded_keep_nobody_waiting_and_can_be_cancelled
         assert [burst.burst for burst in bursts.ahead] == numbers[1:]
         again = await bursts.order(BurstOrder(frames=1, at_leader_ns=hour_ns))
         assert again.burst.number > now.burst.number
+
+
+async def test_a_leader_that_saves_many_bursts_orders_no_further_one(tmp_path: Path) -> None:
+    async with bursts_of(tmp_path, engine_of("a")) as bursts:
+        saving = [await bursts.order(BurstOrder(frames=1)) for _ in range(MAX_OPEN_BURSTS)]
+        with pytest.raises(IncompleteError, match=f"{MAX_OPEN_BURSTS} bursts are still being saved"):
+            await bursts.order(BurstOrder(frames=1))
+        await bursts.cancel(saving[0].burst.number)
+        assert (await bursts.order(BurstOrder(frames=1))).burst.number == MAX_OPEN_BURSTS + 1
 
 
 @pytest.mark.parametrize("at_ns", [2**70, -(2**70), NOW_NS + 366 * 86_400 * 10**9, 0])

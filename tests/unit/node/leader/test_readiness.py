@@ -10,7 +10,9 @@ from capture_app.common.camera_facts import PhaseControl
 from capture_app.common.clock import HostClock
 from capture_app.common.errors import IncompleteError
 from capture_app.common.node_state import NodeState
+from capture_app.common.timeouts import DEGRADED_WAIT_S
 from capture_app.node.leader.readiness import (
+    CHECK_EVERY_S,
     degraded_nodes,
     drift_apart,
     reasons_until_ready,
@@ -66,6 +68,20 @@ def test_a_rig_is_waited_for_until_no_node_is_less_accurate_than_asked_for() -> 
 
 def test_a_node_that_cannot_do_better_is_waited_for_but_stops_no_burst() -> None:
     assert waited_for(READY, ROUGH, timeout_s=0.01) == [f"cam03: {DEGRADED}"]
+
+
+@pytest.mark.virtual
+@pytest.mark.parametrize(
+    ("timeout_s", "lasts_s"), [(600.0, DEGRADED_WAIT_S), (DEGRADED_WAIT_S / 2, DEGRADED_WAIT_S / 2)]
+)
+async def test_a_node_that_cannot_do_better_is_waited_for_as_long_as_it_may_help(
+    timeout_s: float, lasts_s: float
+) -> None:
+    now_s = asyncio.get_running_loop().time
+    began_s, engine = now_s(), cast(Leader, Seen((READY, ROUGH)))
+    async for reason in reasons_until_ready(engine, HostClock(), timeout_s, 1):
+        assert reason == f"cam03: {DEGRADED}"
+    assert now_s() - began_s == pytest.approx(lasts_s, abs=2 * CHECK_EVERY_S)
 
 
 def test_a_node_that_is_not_aligned_does() -> None:

@@ -16,6 +16,7 @@ from capture_app.node.burst.burst_session import BurstSession
 from capture_app.node.burst.resumed_bursts import ResumedBursts
 from capture_app.node.camera.spool import REPORT, Spool
 from capture_app.node.leader.leader_node import LeaderNode
+from capture_app.node.leader.memory_shares import MemoryShares
 from capture_app.protocol.messages import (
     BurstRequest,
     CameraReport,
@@ -38,7 +39,7 @@ from tests.unit.net.echoes import received_from
 from tests.unit.node import bursts
 from tests.unit.node.camera.uploading import Picture, burst_upload, uploading
 from tests.unit.node.joining import joined
-from tests.waiting import until
+from tests.waiting import time_limit, until
 
 pytestmark = [pytest.mark.usefixtures("open_rig"), pytest.mark.virtual]
 
@@ -145,6 +146,45 @@ async def test_a_node_that_has_joined_keeps_one_stream_and_not_all_room(tmp_path
             for channel, name in ((present, "cam0"), (other, "cam1")):
                 await channel.send(SpoolSpace(camera=name, free_bytes=0, spool="/"))
                 assert isinstance(await answer(channel), ReportAck)
+
+
+async def test_an_abandoned_stream_is_closed_whatever_other_cameras_did_meanwhile(tmp_path: Path) -> None:
+    async with (
+        await start_leader(tmp_path) as leader,
+        joined(leader.own_address, ("cam0", CAM0), ("cam1", UNKNOWN_PEER)),
+        stream(leader, "cam0", CAM0) as left,
+    ):
+        assert isinstance(await answer(left), ReportAck)
+        async with stream(leader, "cam1", UNKNOWN_PEER) as other:
+            assert isinstance(await answer(other), ReportAck)
+        await asyncio.sleep(1)
+        async with stream(leader, "cam0", CAM0) as present, time_limit("the end of the abandoned stream"):
+            assert isinstance(await answer(present), ReportAck)
+            with suppress(NetworkError):
+                assert await received_from(left) is None
+
+
+async def test_a_refused_image_takes_no_memory_from_the_next(tmp_path: Path) -> None:
+    async with (
+        await start_leader(tmp_path) as leader,
+        joined(leader.own_address, ("cam0", CAM0)),
+        stream(leader, "cam0", CAM0) as channel,
+        time_limit("the image in place of a damaged one"),
+    ):
+        leader.service._memory = MemoryShares(len(bursts.IMAGE))
+        assert isinstance(await answer(channel), ReportAck)
+        taking = leader.bursts.take(BurstRequest(frames=1, spare=0))
+        burst = (await anext(taking)).burst
+        await channel.send(of_burst(leader, burst, bursts.report("cam0", 0)))
+        assert isinstance(await answer(channel), ReportAck)
+        batch = ImageBatch(images=(of_burst(leader, burst, bursts.upload("cam0", 0)),))
+        await channel.send(batch, bytes(len(bursts.IMAGE)))
+        refusal = await answer(channel)
+        assert isinstance(refusal, Refusal)
+        assert "arrived damaged" in refusal.what
+        await channel.send(batch, bursts.IMAGE)
+        assert await answer(channel) == ImageAck(sha256=batch.sha256)
+        await taking.aclose()
 
 
 async def test_a_node_deletes_only_what_the_leader_has_as_it_is(tmp_path: Path) -> None:

@@ -1,11 +1,13 @@
-"""A rig that a screen started ends by itself once nobody uses it."""
+"""A rig that a screen started ends by itself once nobody uses it; those who do see its disk."""
 
 import asyncio
 from pathlib import Path
 
 import pytest
 
-from capture_app.node.leader.watchers import UNUSED_NS
+from capture_app.common.errors import DiskError
+from capture_app.node.leader import watchers
+from capture_app.node.leader.watchers import LOOK_EVERY_NS, UNUSED_NS
 from capture_app.rig.rig_link import ask_status
 from tests.cheap_rig import start_leader
 from tests.unit.node.joining import joined
@@ -30,3 +32,22 @@ async def test_a_rig_that_had_a_camera_stays(tmp_path: Path) -> None:
             pass
         with pytest.raises(TimeoutError):
             await asyncio.wait_for(node.wait_until_unused(), 2 * UNUSED_S)
+
+
+async def test_a_status_has_the_room_of_the_disk_as_it_is_now(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rooms = iter([9, 5])
+
+    def free_bytes(_: Path) -> int:
+        if (room := next(rooms, None)) is None:
+            raise DiskError("it does not answer")
+        return room
+
+    monkeypatch.setattr(watchers, "free_bytes", free_bytes)
+    async with await start_leader(tmp_path) as node:
+        rooms_seen = []
+        for _ in range(5):
+            rooms_seen.append(node.status().disk_free_bytes)
+            await asyncio.sleep(0.6 * LOOK_EVERY_NS / 1e9)
+    assert rooms_seen == [9, 9, 5, 5, None], "a disk that hangs may not hold up each status"

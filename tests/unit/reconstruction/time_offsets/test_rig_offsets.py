@@ -1,15 +1,23 @@
 """Offsets of all cameras from those of pairs, and the command that measures them."""
 
 from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
 
 import pytest
 
 from reconstruction.common.templates import render_lines
+from reconstruction.scene.scene import Scene
 from reconstruction.time_offsets.crossings import InstantOffset, OffsetFit
 from reconstruction.time_offsets.instant_votes import Change, Step
-from reconstruction.time_offsets.rig_offsets import adjust_offsets, with_changes, with_own_changes
+from reconstruction.time_offsets.rig_offsets import (
+    adjust_offsets,
+    likely_pairs,
+    with_changes,
+    with_own_changes,
+)
 from reconstruction.time_offsets.session_offsets import TimeResult
-from tests.unit.reconstruction.conftest import Reconstruct
+from tests.unit.reconstruction.conftest import Reconstruct, make_view
 
 NOTHING = OffsetFit(reason="too little moves")
 
@@ -70,6 +78,15 @@ def test_changes_and_wandering_images_are_told_of_the_camera_that_has_them() -> 
     lines = render_lines("times.txt", "reconstruction.commands", result=result)[4:]
     assert lines[0] == "a is one frame later than the others from instant 20 on"
     assert lines[1].startswith("d's frames wander by ± 2")
+
+
+def test_cameras_are_measured_against_those_that_look_the_same_way() -> None:
+    yaws = {"a": 0.0, "b": 3.0, "c": 7.0, "d": 12.0, "e": 18.0, "aside": 90.0}
+    views = {name: make_view((0, 0, 0), yaw=yaw) for name, yaw in yaws.items()}
+    dataset = SimpleNamespace(cameras=[*yaws, "uncalibrated"])
+    pairs = likely_pairs(cast("Scene", SimpleNamespace(views=views, dataset=dataset)))
+    # Each with its three nearest, which a and e are not for each other; aside sees nothing of theirs.
+    assert ["".join(pair) for pair in pairs] == ["ab", "ac", "ad", "bc", "bd", "be", "cd", "ce", "de"]
 
 
 def test_an_unknown_reference_is_refused_in_one_line(tmp_path: Path, reconstruct: Reconstruct) -> None:

@@ -14,7 +14,7 @@ from reconstruction.time_offsets.crossings import Crossings, OffsetFit, _fit
 from reconstruction.time_offsets.lamp import BlinkEdge, find_edge_time
 from reconstruction.time_offsets.pair_geometry import geometry_terms
 from reconstruction.time_offsets.pair_offset import PairOffsets
-from reconstruction.time_offsets.rough_offset import find_rough_offset, rough_offsets_ms
+from reconstruction.time_offsets.rough_offset import find_rough_offset, measure_activity, rough_offsets_ms
 from tests.facts import make_facts
 from tests.unit.reconstruction.time_offsets.test_offset_fit import NOTHING_STILL
 from tests.unit.reconstruction.time_offsets.test_pair_geometry import A, B, seen
@@ -48,6 +48,27 @@ def test_bursts_of_motion_tell_roughly_how_late_a_camera_is(late_ms: float) -> N
 
     first, second = activity(40.0, 0.0), activity(160.0, late_ms)
     assert rough_offsets_ms(first, second, 33.0)[0] == pytest.approx(late_ms, abs=25)
+
+
+def test_activity_is_what_moves_and_not_a_light_that_is_switched_on() -> None:
+    """Between images of which one is missing, motion counts by the time that it took."""
+    places = {0: 10, 1: 10, 2: 30, 3: 50, 5: 90, 6: 90}
+
+    def grey(_: str, instant: int) -> Array:
+        image = np.full((120, 160), 60 if instant < 6 else 140, np.uint8)
+        image[40:80, places[instant] : places[instant] + 20] += 80
+        return image
+
+    dataset: Any = SimpleNamespace(
+        instants=lambda _: [*places],
+        grey=grey,
+        instants_ns=[7_000_000],
+        record=lambda _, k: SimpleNamespace(leader_ns=7_000_000 + 20_000_000 * k),
+    )
+    times_ms, changes = measure_activity(dataset, "a")
+    assert times_ms.tolist() == [10, 30, 50, 80, 110]
+    moved = 80 * 2 * 20 * 40 / (120 * 160) / 20
+    assert changes == pytest.approx([0, moved, moved, moved / 2, 0], abs=1e-3)
 
 
 @pytest.mark.parametrize("mains", [0.0, 0.25])

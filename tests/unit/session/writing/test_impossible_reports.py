@@ -42,6 +42,9 @@ def test_a_camera_with_impossible_numbers_costs_itself_only(tmp_path: Path, valu
         assert "cam1 is left out" in session.manifest.note
         assert len(session.manifest.images) == take.instants
         assert verify(session) == []
+        true_times = session.true_times()
+        assert true_times is not None
+        assert {time.camera for time in true_times.images} == {"cam0"}, "of images that are there"
         assert (take.folder / "set_aside/images/rig1/cam1/000002.jpg").is_file()
 
 

@@ -10,8 +10,10 @@ from typing import Any
 
 import pytest
 
-from capture_app.session.format.journal import TRUE_TIMES_JOURNAL, ground_truth_path
-from capture_app.session.format.manifest import JOURNAL, MANIFEST, image_path
+from capture_app.session.format.journal import TRUE_TIMES_JOURNAL, frames_path, ground_truth_path
+from capture_app.session.format.manifest import JOURNAL, MANIFEST, image_path, video_path
+from capture_app.session.writing.session_writer import SessionWriter
+from tests.unit.session.recorded import frame, save_frames
 from tests.unit.session.writing.full_take import Take
 from tests.unit.session.writing.killed_writer import CAMERAS, received
 
@@ -101,4 +103,26 @@ def test_images_that_come_together_are_safe_together_for_fewer_syncs(
             assert disk.is_safe(take.folder / confirmed), confirmed
     # Six pictures and six ground truths, two folders of each with the four above them, and two journals.
     assert disk.syncs - began <= 24
+    writer.abort()
+
+
+def test_a_frame_of_a_video_is_safe_before_its_line_and_both_when_it_is_confirmed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A line without its frame would count a picture of zeros as saved."""
+    disk = VolatileDisk(tmp_path, monkeypatch)
+    writer = SessionWriter.create(tmp_path, "walk")
+    video, lines = (writer.folder / name for name in (video_path("left"), frames_path(video_path("left"))))
+    counted = os.write
+
+    def write(handle: int, data: Any) -> int:
+        if path_of(handle) == lines:
+            assert disk.is_safe(video)
+        return counted(handle, data)
+
+    monkeypatch.setattr(os, "write", write)
+    for instant in range(2):
+        save_frames(writer, frame("left", instant))
+        assert disk.is_safe(video)
+        assert disk.is_safe(lines)
     writer.abort()

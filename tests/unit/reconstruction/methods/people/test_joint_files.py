@@ -113,6 +113,21 @@ def test_a_broken_file_is_named(tmp_path: Path, dataset: Dataset, name: str, sai
     assert name in raised.value.what
 
 
+@pytest.mark.parametrize(("joints", "bone"), [(3, [1, 2]), (2, [1, 3])])
+def test_joints_that_their_names_do_not_fit_are_refused(
+    tmp_path: Path, dataset: Dataset, joints: int, bone: list[int]
+) -> None:
+    annotations = {
+        "categories": [{"keypoints": [f"j{k}" for k in range(joints)], "skeleton": [bone]}],
+        "images": [{"id": k, "file_name": f"{k}.jpg"} for k in range(5)],
+        "annotations": [{"image_id": k, "keypoints": [1, 2, 1, 3, 4, 1]} for k in range(5)],
+    }
+    for camera in CAMERAS:
+        (tmp_path / f"{camera}.json").write_text(json.dumps(annotations))
+    with pytest.raises(BadInputError, match=f"joints other than the {joints} that it names"):
+        read_keypoints(tmp_path, dataset, CAMERAS)
+
+
 def test_files_that_fit_no_camera_are_refused(tmp_path: Path, dataset: Dataset) -> None:
     (tmp_path / "left.csv").write_text(deeplabcut())
     with pytest.raises(BadInputError, match=r"left\.csv.* of 0 of the cameras cam00, cam01"):

@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from capture_app.board.boards import CharucoBoard, Checkerboard, squares_seen
+from capture_app.board.boards import MIN_CORNERS, CharucoBoard, Checkerboard, squares_seen
 from capture_app.board.detector import Board, BoardDetector
 from capture_app.common.errors import BadInputError
 from capture_app.session.format.calibration import Calibration
@@ -162,6 +162,12 @@ def test_a_board_that_does_not_lie_or_is_seen_from_below_is_no_floor(tmp_path: P
         world_of_board(views, LARGE, moved, metric=True)
     with pytest.raises(BadInputError, match="no two cameras see the board well enough"):
         world_of_board(views, LARGE, {}, metric=True)
+    few = {key: dict(sorted(found.items())[: MIN_CORNERS - 1]) for key, found in corners.items()}
+    bend = {"left": np.array([40.0, 0.0]), "right": np.zeros(2)}
+    bent = {key: {n: at + n % 2 * bend[key[0]] for n, at in found.items()} for key, found in corners.items()}
+    for unfit in (few, bent):
+        with pytest.raises(BadInputError, match="no two cameras see the board well enough"):
+            world_of_board(views, LARGE, unfit, metric=False)
     ceiling = {}
     width = LARGE.across - 1
     for key, found in corners.items():  # left and right exchanged: as its back would be numbered

@@ -1,0 +1,93 @@
+"""How late a camera is relative to another, from a drawn session of four instants."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from reconstruction.common.geometry import View
+from reconstruction.scene.dataset import Dataset
+from reconstruction.scene.scene import Scene as OpenScene
+from reconstruction.time_offsets.pair_offset import PairOffsets
+from tests.unit.reconstruction.conftest import FOCAL, PERIOD_NS, VIEWS, Scene, write_session
+
+PAIR = {name: VIEWS[name] for name in ("left", "right")}
+
+
+def fall(time: float) -> tuple[float, float]:
+    """Half across, and faster and faster down."""
+    return 0.05 * time - 0.3, -0.5 + 0.12 * time + 0.012 * time**2
+
+
+@pytest.fixture(scope="module")
+def drawn(scene: Scene, tmp_path_factory: pytest.TempPathFactory) -> OpenScene:
+    """A board that falls before two cameras, the right one half a frame early."""
+    falling = replace(scene, boards=[*scene.boards[:-1], replace(scene.boards[-1], path=fall)])
+    root = tmp_path_factory.mktemp("falling")
+    session = write_session(root, falling, PAIR, instants=4, truth=False, late={"right": -0.5})
+    opened = OpenScene(Dataset.open(session.folder))
+    # Its calibration is checked once, for all tests.
+    assert {*opened.views} == {*PAIR}
+    return opened
+
+
+def test_half_a_frame_is_measured_within_its_error(drawn: OpenScene) -> None:
+    fit = PairOffsets(drawn).measure("left", "right")
+    assert fit.offset_ms is not None, fit.reason
+    assert fit.sd_ms is not None
+    assert fit.sd_ms < 0.5
+    assert abs(fit.offset_ms + 0.5 * PERIOD_NS / 1e6) < 3 * fit.sd_ms
+    assert len(fit.instants) >= 3
+    assert fit.misfit_px is None
+
+
+def sway(view: View, time: float) -> View:
+    """Where a camera on a boat stands."""
+    at = np.array([0.06 * time, 0.09 * np.sin(1.3 * time), 0.05 * time])
+    return replace(view, translation=view.translation - view.rotation @ at)
+
+
+def test_cameras_of_one_boat_move_and_those_on_tripods_do_not(
+    scene: Scene, drawn: OpenScene, tmp_path: Path
+) -> None:
+    assert PairOffsets(drawn).moving(PAIR) == {}
+    session = write_session(tmp_path, scene, PAIR, instants=4, truth=False, moved=sway)
+    motion = PairOffsets(OpenScene(Dataset.open(session.folder))).moving(PAIR)
+    assert {name: px > 5 for name, (px, _) in motion.items()} == {"left": True, "right": True}
+
+
+class OtherViews(OpenScene):
+    """A drawn scene as another calibration has it, with what was measured in its pictures before."""
+
+    def __init__(self, drawn: OpenScene, **views: View) -> None:
+        self.__dict__ |= drawn.__dict__
+        self._views = views
+
+    @property
+    def views(self) -> dict[str, View]:
+        return self._views
+
+
+def with_views(drawn: OpenScene, **views: View) -> PairOffsets:
+    return PairOffsets(OtherViews(drawn, **views))
+
+
+def test_a_calibration_that_is_off_at_rest_is_corrected_and_said(drawn: OpenScene) -> None:
+    turned, right = cv2.Rodrigues(np.array([0.02, 0.0, 0.0]))[0], PAIR["right"]
+    off = replace(right, rotation=turned @ right.rotation, translation=turned @ right.translation)
+    fit = with_views(drawn, left=PAIR["left"], right=off).measure("left", "right")
+    assert fit.offset_ms == pytest.approx(-0.5 * PERIOD_NS / 1e6, abs=1.5)
+    # The distance of 6 pixels is shared by both pictures.
+    assert fit.misfit_px == pytest.approx(0.02 * FOCAL / np.sqrt(2), abs=0.5)
+
+
+def test_it_is_said_why_a_pair_shows_no_offset(scene: Scene, drawn: OpenScene, tmp_path: Path) -> None:
+    still = write_session(tmp_path, scene, PAIR, instants=3, truth=False, frozen=True)
+    fit = PairOffsets(OpenScene(Dataset.open(still.folder))).measure("left", "right")
+    assert (fit.offset_ms, fit.reason[:21]) == (None, "too few moving points")
+    same = with_views(drawn, left=PAIR["left"], right=PAIR["left"]).measure("left", "right")
+    assert (same.offset_ms, same.reason) == (None, "both cameras are at the same place")
+    alone = with_views(drawn, left=PAIR["left"]).measure("left", "right")
+    assert (alone.offset_ms, alone.reason) == (None, "right has no calibration")

@@ -41,8 +41,7 @@ from capture_app.trust.trust import Trust
 
 Grade = Literal["good", "note", "warning", "problem"]
 """A problem prevents this machine from taking part; a warning degrades it or makes it less reliable."""
-SAMPLE_BYTES, LEADERS_SAMPLE_BYTES = 16 << 20, 4 << 20
-"""Written to measure a disk; a leader that starts waits for less."""
+SAMPLE_BYTES = 16 << 20
 USB_2_MBIT_S = 480
 MAX_SHOWN = 5
 """Maximum number of a spool's bursts that are listed."""
@@ -95,7 +94,9 @@ def clock() -> Finding:
     )
 
 
-def disk(folder: Path, holds: str, option: str, sample_bytes: int = SAMPLE_BYTES) -> Finding:
+def disk(
+    folder: Path, holds: str, option: str, sample_bytes: int = SAMPLE_BYTES, slow_mb_s: float = SLOW_MB_S
+) -> Finding:
     """Test a folder by writing to it; `holds` names its contents, `option` selects another folder."""
     other = f"choose another folder with {option}"
     try:
@@ -107,7 +108,7 @@ def disk(folder: Path, holds: str, option: str, sample_bytes: int = SAMPLE_BYTES
         failure = error if isinstance(error, DiskError) else disk_error(OSError(*error.args), folder)
         return Finding("disk", "problem", f"{holds}: {failure.what}", other)
     remedy = f"free some space, or {other}" if free < (1 << 30) else ""
-    if mb_s < SLOW_MB_S:
+    if mb_s < slow_mb_s:
         remedy = remedy or f"{other} on a faster disk"
     what = f"{holds}: {mb_s:.0f} MB/s to {folder}, {megabytes(free)} free"
     if lacks:
@@ -266,7 +267,8 @@ def warnings_for_leader(host: str, port: int, sessions: Path, root: Path = Path(
     Nothing of the network for a leader that only this machine can reach. `root` is the root of the
     machine's files.
     """
-    checks = [disk(sessions, "sessions", "--sessions", LEADERS_SAMPLE_BYTES)]
+    # A short sample says whether it can be written, not how fast.
+    checks = [disk(sessions, "sessions", "--sessions", 1 << 20, slow_mb_s=0.0)]
     if announced_hosts(host):
         checks += firewalls(active_firewalls(root), [port])
         checks += wifi(wifi_interfaces(root / "sys/class/net"))

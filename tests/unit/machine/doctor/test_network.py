@@ -52,7 +52,7 @@ def test_ufw_needs_the_port_of_a_leader_and_nothing_of_a_node(tmp_path: Path) ->
 def test_a_leader_warns_of_what_keeps_cameras_away_and_of_nothing_else(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(doctor, "disk", lambda *_: doctor.Finding("disk", "good", "any"))
+    monkeypatch.setattr(doctor, "disk", lambda *_, **__: doctor.Finding("disk", "good", "any"))
     assert doctor.warnings_for_leader(EVERYWHERE, 47010, Path("nowhere"), tmp_path) == []
     assert doctor.warnings_for_leader("127.0.0.1", 47010, Path("nowhere"), tmp_path) == []
     write(tmp_path, "etc/ufw/ufw.conf", "ENABLED=yes\n")

@@ -12,6 +12,8 @@ from pathlib import Path
 
 import click
 
+from capture_app.common.names import FOOTAGE
+
 OVERVIEW = (
     ". There are capture-app rig start, burst and record; capture-app sessions import FOLDER, list, show, "
     "note and export; reconstruct calibrate, time, multiview, people, view and splat SESSION"
@@ -20,128 +22,199 @@ OVERVIEW = (
 _COMMANDS = {
     "capture-app": {
         "capture-app burst": "capture shoot take snap photo picture snapshot shot trigger frames grab arm "
-        "fire",
-        "capture-app burst --name NAME, or record --name NAME": "new create create-session new-session",
+        "fire still stills getsnapshot imwrite screencap release photograph",
+        "capture-app burst --name NAME, or record --name NAME": "new create create-session new-session "
+        "project",
         "capture-app burst --interval-s S": "timelapse time-lapse interval intervalometer shoot-interval "
         "capture-interval",
-        "capture-app burst --on-motion": "motion motion-detection watch-trigger",
-        "capture-app record": "video film movie rec recording grab-video capture-video",
-        "capture-app record --stop": "end-recording stop-recording",
-        "capture-app rig start": "start up run launch",
+        "capture-app burst --on-motion": "motion motion-detection watch-trigger wait-event event",
+        "capture-app record": "video film movie rec recording grab-video capture-video vid vids screenrecord "
+        "screencast camcorder",
+        "capture-app record --stop": "end-recording stop-recording pause",
+        "capture-app rig start": "start up run launch init startup boot",
         "capture-app rig stop": "stop down quit kill shutdown end",
-        "capture-app, without a command": "ui tui gui screen app open",
+        "capture-app, without a command": "ui tui gui screen app open studio shell console interactive obs",
         "capture-app serve": "web browser",
         "capture-app leader": "server master host main controller serve-rig",
-        "capture-app node --camera SPEC": "client slave join connect worker agent attach",
-        "capture-app cameras": "devices list-devices list-cameras webcam webcams ls-cameras scan discover",
-        "capture-app cameras add SPEC": "add-camera addcamera",
-        "capture-app cameras set CONTROL=VALUE": "exposure gain focus settings config controls set shutter "
-        "iso white-balance whitebalance wb",
-        "capture-app cameras remove NAME": "kick eject",
-        "capture-app node --camera SPEC,fps=N,width=W": "fps framerate resolution mode format",
+        "capture-app node --camera SPEC": "client slave join connect worker agent attach tether tethered "
+        "videocapture",
+        "capture-app cameras": "devices list-devices list-cameras webcam webcams ls-cameras scan discover "
+        "sources source input inputs videoinput auto-detect autodetect detect imaqhwinfo dshow "
+        "avfoundation v4l2 v4l lsusb enumerate list-sources",
+        "capture-app cameras add SPEC": "add-camera addcamera add add-source add-device",
+        "capture-app cameras remove NAME": "kick eject disconnect drain detach unplug remove",
+        "capture-app node --camera SPEC,fps=N,width=W": "fps framerate resolution mode format size width "
+        "height frame-rate parm set-fmt-video pixel-format pixelformat",
         "capture-app trust pair LEADER": "pair login auth key keys",
-        "capture-app sessions list": "ls list takes library history",
-        "capture-app sessions trash SESSION": "delete rm remove del",
-        "capture-app sessions export SESSION": "convert to save archive",
-        "capture-app sessions note SESSION TEXT": "tag annotate comment",
+        "capture-app sessions list": "ls list takes library history images files gallery recordings",
+        "capture-app sessions trash SESSION": "delete rm remove del rmi trash",
+        "capture-app sessions export SESSION": "convert to save archive copy cp backup upload download push "
+        "extract extract-frames mux converter clone export",
+        "capture-app sessions note SESSION TEXT": "tag annotate comment commit label note",
         "capture-app sessions export SESSION --to otio": "edl xml fcpxml timeline premiere resolve davinci "
         "nle",
         "capture-app sessions export SESSION --to mcap": "rosbag ros2bag bag ros",
-        "capture-app sessions export SESSION --to mp4": "mp4 mov prores encode transcode",
-        "capture-app sessions restore SESSION": "undo undelete untrash",
+        "capture-app sessions export SESSION --to mp4": "mp4 mov prores encode transcode codec vcodec crf "
+        "bitrate encoder mkv avi h264 remux",
+        "capture-app sessions restore SESSION": "undo undelete untrash revert restore",
         "capture-app sessions import SOURCE": "ingest gopro dji multicam clips sync synchronize align load "
-        "add",
-        "capture-app sessions sheet SESSION": "contact-sheet thumbnails",
-        "capture-app demo": "simulate sim simulated simulation fake",
-        "capture-app sessions show SESSION": "inspect describe probe info details metadata timestamps",
+        "pull fetch merge concat process-data ns-process-data import-videos open-video extract-frames "
+        "hstack vstack add-videos add-new-videos import",
+        "capture-app sessions sheet SESSION": "contact-sheet thumbnails sheet",
+        "capture-app demo": "simulate sim simulated simulation fake virtual virtual-camera hello "
+        "test-pattern testsrc example",
+        "capture-app sessions show SESSION": "inspect describe probe info details metadata timestamps "
+        "checkout ffprobe summary size mediainfo exif exiftool properties show",
         "capture-app sessions verify SESSION": "check verify validate fsck",
-        "capture-app sessions wiggle SESSION": "play",
+        "capture-app sessions wiggle SESSION": "play wiggle",
         "capture-app sessions empty-trash": "purge clean empty-trash prune",
-        "capture-app status": "sync-check sync-status test-sync sync-test nodes info stats state health "
-        "sync synchronize genlock jam jam-sync accuracy clock latency dropped drops",
+        "capture-app status": "sync-check sync-status test-sync sync-test nodes info stats state health sync "
+        "synchronize genlock jam jam-sync accuracy clock latency dropped drops top ping pods "
+        "node-status cluster cluster-info topic topics",
         "capture-app doctor": "check diagnose test disk space storage du firewall network wifi",
-        "capture-app rig list": "ps rigs log logs",
+        "capture-app rig list": "ps rigs log logs logcat",
         "capture-app, by the line that installed it (docs/install.md)": "update upgrade install",
         "capture-app, by make uninstall or pip uninstall simulshot": "uninstall",
         "capture-app phones": "phone mobile android ios qr join-qr pair-qr",
-        "capture-app monitor": "dashboard live watch stream livestream broadcast",
+        "capture-app monitor": "dashboard live watch stream livestream broadcast streaming stream-on "
+        "view-live liveview live-view hls",
         "capture-app --version": "version",
         "capture-app --help": "help",
-        "capture-app people": "osc vmc live-people livemocap live-mocap",
-        "reconstruct calibrate SESSION": "calibrate calibration calib intrinsics extrinsics lens lenses",
+        "capture-app people": "osc vmc live-people livemocap live-mocap avatar vtuber",
+        "reconstruct calibrate SESSION": "calibrate calibration calib intrinsics extrinsics lens lenses "
+        "calibrator camera-calibration camera-calibrator undistort",
         "reconstruct, a command of its own": "reconstruct",
         "reconstruct multiview SESSION --out DIR": "photogrammetry depth depthmap depth-map mesh pointcloud "
-        "3d multiview sfm mvs volumetric ply",
+        "3d multiview sfm mvs volumetric ply scan obj model dense",
         "reconstruct stereo SESSION --out DIR": "stereo disparity",
         "reconstruct splat SESSION --out DIR": "splat splats gsplat gaussians gaussian-splat "
         "gaussian-splatting train 3dgs",
         "reconstruct trajectory SESSION --out DIR": "track trajectory tracking",
-        "reconstruct panorama SESSION --out DIR": "panorama stitch pano",
+        "reconstruct panorama SESSION --out DIR": "panorama stitch pano 360",
         "reconstruct people SESSION --out DIR": "gait angles pose2d pose3d markerless pose poses skeleton "
-        "mocap joints keypoints triangulate c3d bvh trc blender",
-        "reconstruct movers SESSION --out DIR": "matte mattes mask masks movers",
+        "mocap joints keypoints triangulate c3d bvh trc blender freemocap mediapipe openpose opencap "
+        "deeplabcut dlc fbx",
+        "reconstruct movers SESSION --out DIR": "matte mattes mask masks movers greenscreen green-screen "
+        "chroma-key background background-removal segment",
         "reconstruct compare SESSION --out DIR": "compare evaluate report",
         "reconstruct time SESSION": "time offset offsets",
         "capture-app panel show": "timecode time-code led",
         "reconstruct board FILE": "make-board print-board board charuco chessboard checkerboard",
         "reconstruct view SESSION --out DIR": "orbit flythrough view walk render bullet-time bullettime "
-        "freeze freeze-frame",
+        "freeze freeze-frame visualize visualise plot rviz novel-view",
         "reconstruct view SESSION --page --out DIR": "share publish viewer",
+        "capture-app burst --before N": "replay replay-buffer instant-replay retroactive pre-roll preroll",
+        "capture-app burst --wait-s S": "wait wait-for wait-for-device",
+        "capture-app rig stop, then capture-app rig start": "restart reboot rollout reset reload",
+        "capture-app rig stagger ORDER": "stagger",
+        "capture-app node --camera SPEC,sound=own": "sound audio mic microphone mute",
+        "capture-app node --name NAME --camera SPEC": "rename-camera camera-name",
+        "capture-app leader --port PORT": "port ports tcpip",
+        "capture-app cameras controls": "ctrl ctrls list-ctrls get-ctrl list-config get-config list-controls "
+        "capabilities abilities caps list-formats formats controls",
+        "capture-app cameras match CAMERA": "match match-cameras",
+        "capture-app cameras characterize SPEC": "characterize benchmark",
+        "capture-app cameras calibrate-time": "calibrate-time",
+        "capture-app cameras set exposure=4000, in µs": "exposure exposure-time exposure-absolute "
+        "exposure-us shutter shutter-speed auto-exposure ae",
+        "capture-app cameras set gain=2": "gain iso analogue-gain",
+        "capture-app cameras set focus=auto": "focus autofocus auto-focus af focus-absolute",
+        "capture-app cameras set white-balance=5000, in kelvin": "white-balance whitebalance wb awb "
+        "color-temperature auto-white-balance",
+        "capture-app cameras set --profile FILE": "profile preset presets apply",
+        "capture-app sessions import SOURCE --start N --count N": "trim cut crop clip",
+        "capture-app sessions rename SESSION NAME": "mv rename move",
+        "capture-app sessions repair SESSION": "repair recover resume",
+        "capture-app trust list": "trusted",
+        "capture-app trust invite": "invite",
+        "capture-app trust remove MACHINE": "revoke forget untrust",
+        "reconstruct compare SESSION --against OTHER --out DIR": "diff",
+        "capture-app sessions schema": "schema",
+        "capture-app cameras show NAME": "show",
+        "capture-app cameras list": "list",
+        "capture-app cameras set CONTROL=VALUE, such as exposure=4000": "settings config controls set "
+        "set-config set-ctrl param params property properties",
     },
     "capture-app sessions": {
-        "capture-app sessions trash SESSION": "delete rm remove del",
+        "capture-app sessions trash SESSION": "delete rm remove del purge",
         "capture-app sessions list": "ls dir",
         "capture-app sessions show SESSION": "info inspect describe open details metadata size du",
-        "capture-app sessions rename SESSION NAME": "mv move name",
+        "capture-app sessions rename SESSION NAME": "mv move name label",
         "capture-app sessions verify SESSION": "check validate fsck",
         "capture-app sessions repair SESSION": "fix recover resume",
-        "capture-app sessions export SESSION": "convert save to",
+        "capture-app sessions export SESSION": "convert save to copy cp upload backup download share push",
         "capture-app sessions import SOURCE": "add load read from",
         "capture-app sessions note SESSION TEXT": "annotate comment tag",
         "capture-app sessions restore SESSION": "undelete undo untrash",
         "capture-app sessions sheet SESSION": "contact-sheet thumbnails preview",
         "capture-app sessions wiggle SESSION": "play view gif animate",
-        "capture-app sessions empty-trash": "purge clean prune empty",
+        "capture-app sessions empty-trash": "clean prune empty",
+        "reconstruct time SESSION": "sync synchronize align time offset",
+        "reconstruct view SESSION --out DIR": "render",
     },
     "reconstruct": {
         "reconstruct multiview SESSION --out DIR": "photogrammetry depth depthmap dense mvs pointcloud "
-        "point-cloud cloud fusion 3d volumetric automatic_reconstructor patch_match_stereo stereo_fusion "
-        "delaunay_mesher",
-        "reconstruct multiview SESSION --mesh --out DIR": "mesh poisson mesher poisson_mesher",
-        "reconstruct stereo SESSION --out DIR": "disparity sgbm pair",
+        "point-cloud cloud fusion 3d volumetric scan obj model patch-match-stereo stereo-fusion "
+        "automatic-reconstructor delaunay-mesher reconstruct reconstruction rebuild tsdf voxel",
+        "reconstruct multiview SESSION --mesh --out DIR": "mesh poisson mesher poisson-mesher",
+        "reconstruct stereo SESSION --out DIR": "disparity sgbm pair rectify stereo-image-proc",
         "reconstruct calibrate SESSION --mark CAMERA=X,Y --distance-m M": "scale align-gcp gcp",
         "reconstruct view SESSION --page --out DIR": "share",
-        "reconstruct calibrate SESSION": "sfm sparse feature_extractor exhaustive_matcher "
-        "sequential_matcher image_undistorter bundle_adjuster mapper calib calibration intrinsics "
-        "extrinsics poses colmap",
+        "reconstruct calibrate SESSION": "sfm sparse mapper calib calibration intrinsics extrinsics poses "
+        "colmap feature-extractor exhaustive-matcher sequential-matcher image-undistorter "
+        "bundle-adjuster matcher global-mapper point-triangulator triangulator database "
+        "database-creator aligner model-aligner configurator rig-configurator calibrator "
+        "camera-calibration undistort solve slam camera-solve camera-track matchmove estimate "
+        "parameters",
         "reconstruct splat SESSION --out DIR": "splats gsplat gaussian gaussians gaussian-splat "
         "gaussian-splatting splatfacto train 3dgs nerf nerfacto",
-        "reconstruct panorama SESSION --out DIR": "stitch pano stitching",
+        "reconstruct panorama SESSION --out DIR": "stitch pano stitching 360 equirectangular",
         "reconstruct view SESSION --out DIR": "orbit flythrough walk play render novel-view bullet-time "
-        "bullettime wiggle viewer",
+        "bullettime wiggle viewer visualize visualise visualization rviz viz plot display rendering "
+        "blend blender animate animation",
         "reconstruct time SESSION": "sync synchronize align offset offsets",
         "reconstruct people SESSION --out DIR": "gait angles pose2d pose3d markerless pose skeleton mocap "
-        "joints keypoints motion-capture human body triangulate c3d bvh trc",
-        "reconstruct movers SESSION --out DIR": "matte mattes mask masks segment rotoscope",
-        "reconstruct trajectory SESSION --out DIR": "track ball path",
-        "reconstruct compare SESSION --out DIR": "evaluate eval quality report",
+        "joints keypoints motion-capture human body triangulate c3d bvh trc freemocap mediapipe "
+        "openpose opencap anipose deeplabcut dlc fbx label labeled label-3d filter filter-3d "
+        "filterpredictions analyze analyse predict inference smpl smooth process process-recording "
+        "process-session",
+        "reconstruct movers SESSION --out DIR": "matte mattes mask masks segment rotoscope greenscreen "
+        "green-screen background background-removal foreground matting",
+        "reconstruct trajectory SESSION --out DIR": "track ball path tracking tracker camera-tracker",
+        "reconstruct compare SESSION --out DIR": "evaluate eval quality report summarize summary psnr ssim "
+        "benchmark",
         "reconstruct board FILE": "make-board print-board charuco chessboard checkerboard",
-        "reconstruct batch SESSIONS": "all jobs slurm",
-        "capture-app sessions import SOURCE": "import",
-        "capture-app sessions export SESSION": "export convert",
-        "capture-app sessions list": "list ls",
+        "reconstruct batch SESSIONS": "jobs slurm",
+        "capture-app sessions import SOURCE": "import images photos pictures image-path process-data "
+        "ns-process-data convert-videos load ingest data input extract-frames folder footage clips "
+        "add-videos add-new-videos",
+        "capture-app sessions export SESSION": "export convert converter model-converter ns-export save "
+        "extract-frames",
+        "capture-app sessions list": "list ls sessions",
         "capture-app sessions show SESSION": "show info",
         "capture-app burst": "capture shoot burst",
         "capture-app record": "record video",
         "reconstruct --version": "version",
         "reconstruct --help": "help",
+        "capture-app sessions trash SESSION": "delete rm remove",
+        "capture-app cameras": "cameras devices",
+        "capture-app, without a command": "gui ui tui",
+        "capture-app panel show": "timecode",
+        "reconstruct compare SESSION --against OTHER --out DIR": "diff",
     },
     "capture-app cameras": {
         "capture-app cameras list": "ls devices scan discover find",
         "capture-app cameras show NAME": "info get inspect",
         "capture-app cameras remove NAME": "rm delete del disconnect",
         "capture-app cameras add SPEC": "open connect new attach",
-        "capture-app cameras set CONTROL=VALUE": "config settings exposure gain focus control",
+        "capture-app cameras controls": "list-formats formats list-controls ctrls",
+        "capture-app cameras set CONTROL=VALUE, such as exposure=4000": "config settings control",
+        "capture-app cameras set exposure=4000, in µs": "exposure shutter",
+        "capture-app cameras set gain=2": "gain iso",
+        "capture-app cameras set focus=auto": "focus autofocus",
+        "capture-app node --name NAME --camera SPEC": "rename name label",
+        "capture-app preview CAMERA": "preview view look",
+        "capture-app doctor": "test check",
     },
     "capture-app rig": {
         "capture-app rig stop": "down kill quit end",
@@ -152,6 +225,8 @@ _COMMANDS = {
         "capture-app rig list": "ls ps show",
         "capture-app cameras add SPEC, or capture-app node on another machine": "add connect",
         "capture-app cameras remove NAME": "remove",
+        "capture-app rig stop, then capture-app rig start": "restart reset reboot",
+        "capture-app preview CAMERA": "preview",
     },
     "capture-app trust": {
         "capture-app trust list": "ls show",
@@ -203,10 +278,10 @@ _OPTIONS = {
     "--count": "n num frames number max-frames vframes",
     "--out": "output o out-dir output-dir output-path dir dest destination outfile workspace-path to",
     "--to": "format f type output-format as",
-    "--seconds": "duration t time length for hours minutes",
+    "--seconds": "duration t time length for hours minutes time-limit timeout seconds-long duration-s",
     "--interval-s": "interval timelapse",
     "--fps": "rate framerate frame-rate r hz",
-    "--camera": "device source src input i cam spec cameras",
+    "--camera": "device source src input i cam spec cameras d dev device-id index",
     "--leader": "server host address ip connect url",
     "--sessions": "dir folder out output data output-dir",
     "--name": "label title tag n",
@@ -240,18 +315,31 @@ _OPTIONS = {
     "--to mp4": "codec mp4 video prores",
     "--align": "sync audio by",
     "--page": "paper",
+    "--wait-s": "timeout wait",
+    "--masks": "mask",
+    "--lens": "camera-model model distortion",
+    "--spz": "compress",
 }
 """Options, each with other programs' words for it, without hyphens; the first that a command has wins."""
 _SIMULATED = {"--camera sim:phone-a": "simulated simulate sim simulation fake dummy virtual"}
+_FOLDER = {"capture-app rig start --sessions DIR": "o out output output-dir outdir dir folder path dest"}
 _OPTIONS_OF = {
+    "capture-app burst": _FOLDER,
+    "capture-app record": {
+        "capture-app sessions export SESSION --to mp4": "f format codec vcodec crf bitrate container preset",
+        **_FOLDER,
+    },
+    "capture-app leader": {"--host": "ip bind address listen"},
+    "reconstruct board": {"--board": "size rows cols columns grid squares pattern"},
     "reconstruct calibrate": {
-        "--board": "charuco chessboard checkerboard squares pattern",
+        "--board": "charuco chessboard checkerboard squares pattern size rows cols columns cbrow cbcol grid",
         "--mark CAMERA=X,Y --distance-m M": "gcp scale",
     },
     "reconstruct multiview": {"--out DIR, with a PLY in it": "format ply las"},
     **dict.fromkeys(("capture-app", "capture-app node", "capture-app rig start"), _SIMULATED),
     "reconstruct people": {
-        "--out DIR, with CSV, TRC, C3D and glTF in it": "c3d trc csv gltf glb fbx bvh format"
+        "--out DIR, with CSV, TRC, C3D and glTF in it": "c3d trc csv gltf glb fbx bvh format",
+        "--rate": "fps framerate",
     },
     "capture-app sessions export": {
         **{f"--to {name}": f"{name} {words}" for name, words in FORMATS.items()},
@@ -260,9 +348,26 @@ _OPTIONS_OF = {
     },
 }
 """Options that mean this of certain commands alone, in the same form."""
+_SHAPES = {
+    r"/dev/video\d+": "capture-app node --camera v4l2:{}, or capture-app cameras",
+    r"video\d+": "capture-app node --camera v4l2:/dev/{}, or capture-app cameras",
+    r"\d": "capture-app node --camera webcam:{}, or capture-app cameras",
+    r"(?:rtsps?://|(?:v4l2|webcam|sim|libcamera|aravis|replay):).+": "capture-app node --camera {}",
+    r"\d+(?:\.\d+){3}(?::\d+)?": "--leader {}",
+    r"\d{3,5}x\d{3,5}": "capture-app node --camera SPEC,fps=N,width=W",
+}
+"""What a word means by its shape: a camera, the address of a leader, or a size."""
+_WEAK = {
+    *("add", "all", "create", "get", "list", "make", "new", "open", "run", "set", "show", "start", "take"),
+    *("camera", "data", "file", "path", "session", "video"),
+}
+"""Words that say less than the others of a line, as in `list-devices`."""
+_GROUPS = ("sessions", "cameras", "rig", "trust")
+"""Groups whose commands people also type without the group."""
+_SOURCES = ("capture-app burst", "capture-app record", "capture-app node", "capture-app preview")
+"""Commands that make footage: a file that is named beside them is not imported first."""
 _MODELS = (".glb", ".gltf", ".obj", ".ply", ".usdz")
 _OF_A_SESSION = {"reconstruct": "reconstruct compare", "capture-app": "capture-app sessions show"}
-_FOOTAGE = (".mp4", ".mov", ".mkv", ".avi", ".mts", ".jpg", ".jpeg", ".png", ".tif", ".tiff")
 _NUMBERS = {
     "integer": "a whole number",
     "integer range": "a whole number",
@@ -270,9 +375,17 @@ _NUMBERS = {
     "float range": "a number",
 }
 """What an option of a type takes, by click's name of the type."""
-_TOO_MANY = re.compile(r"Got unexpected extra arguments? \((.*)\)")
+_LISTS = {
+    "--camera": "capture-app cameras lists what there is",
+    "CAMERA": "capture-app status names those of the rig",
+    "SESSION": "capture-app sessions list shows what is there",
+}
+"""Commands that list the values of an option or argument."""
+_TOO_MANY = re.compile(r"Got unexpected extra arguments? \((.*)\)", re.DOTALL)
 _CLOSE = 0.75
 """Similarity from which a name counts as mistyped; click's own 0.6 takes `--json` for `--count`."""
+_LONGEST = 40
+"""Letters of a word that are taken apart."""
 
 
 def words_for(line: str) -> list[str]:
@@ -295,68 +408,170 @@ def takes_argument(line: str) -> bool:
     return line.split(" -")[0][-1:].isupper()
 
 
+class _Tables:
+    """Command lines by the words that mean them, in tables of which the first that has a word decides."""
+
+    def __init__(self, *tables: Mapping[str, str]) -> None:
+        self._tables: list[dict[str, list[str]]] = []
+        for rows in tables:
+            self._tables.append({})
+            for line, words in rows.items():
+                for word in words.split():
+                    self._tables[-1].setdefault(_plain(word), []).append(line)
+
+    def lines(self, word: str) -> list[str]:
+        """Return what a whole word means."""
+        shapes = [lines for shape, lines in _SHAPES.items() if re.fullmatch(shape, word)]
+        shaped = [line.format(word) for lines in shapes for line in lines.split(", or ")]
+        return next((rows[_plain(word)] for rows in self._tables if _plain(word) in rows), shaped)
+
+    def lines_of_parts(self, word: str) -> list[str]:
+        """Return what the parts of a compound mean, such as `take-photo`, `takePhoto` or `takephoto`."""
+        word = "" if "." in word or "/" in word else word[:_LONGEST]
+        parts: Sequence[str] = re.findall("[A-Z]?[a-z0-9]+|[A-Z]+(?![a-z])", word)
+        if len(parts) == 1:
+            cuts = ((word[:at], word[at:]) for at in range(3, len(word) - 2))
+            parts = next((cut for cut in cuts if all(map(self.lines, cut))), ())
+        parts = [part for part in parts if not part.isdecimal()]
+        strong = [line for part in parts if _plain(part) not in _WEAK for line in self.lines(part)]
+        return strong or [line for part in parts for line in self.lines(part)]
+
+
+def _plain(word: str) -> str:
+    """Return a word as it is looked up: without a value, hyphens, capitals and the plural's ending."""
+    plain = re.sub("[-_]", "", word.partition("=")[0]).casefold()
+    return plain.removesuffix("s") if len(plain) > 3 else plain
+
+
 def advise(error: click.UsageError, typed_line: Sequence[str] = ()) -> str:
-    """Return the message of a usage error, with what was probably meant by an unknown command or option."""
-    models = [
-        word
-        for before, word in pairwise(("", *typed_line))
-        if word.casefold().endswith(_MODELS) and "-" not in (before[:1], word[:1])
-    ]
+    """Return the message of a usage error, with what was probably meant by the words of the line."""
+    named = [(before, word) for before, word in pairwise(("", *typed_line)) if word[:1] != "-"]
+    models = [word for before, word in named if word.casefold().endswith(_MODELS) and before[:1] != "-"]
     if models and isinstance(error, click.MissingParameter | click.NoSuchCommand):
         return f"'{models[0]}' is a 3D model: Blender shows it, and reconstruct view shows sessions"
-    if error.ctx is None or not isinstance(error, click.NoSuchOption | click.NoSuchCommand):
+    extra = _TOO_MANY.fullmatch(error.message.rstrip("."))
+    if error.ctx is None or not (extra or isinstance(error, click.NoSuchOption | click.NoSuchCommand)):
         return _in_our_words(error)
-    command = error.ctx.command
-    commands = _COMMANDS.get(error.ctx.command_path, {})
-    names = command.list_commands(error.ctx) if isinstance(command, click.Group) else []
-    if isinstance(error, click.NoSuchOption):
-        what, typed, word = "option", error.option_name, error.option_name.lstrip("-").replace("_", "-")
-        own = {f"{error.ctx.command_path} {word}": word} if word in names else {}
-        names = [name for param in command.get_params(error.ctx) for name in param.opts if name[:1] == "-"]
-        known = {line: words for line, words in _OPTIONS.items() if line.split()[0] in names}
-        known = _OPTIONS_OF.get(error.ctx.command_path, {}) | known | commands | own
-    else:
-        what, typed, word = "command", error.command_name, error.command_name
-        known = commands | {f"{error.ctx.command_path} {name} --help": f"help-{name}" for name in names}
-        if place := _at_place(word, error.ctx.command_path):
-            return place
-    unknown = f"No such {what} '{typed}'"
-    # Of two words, such as `grab video`, both together decide.
-    after = typed_line[typed_line.index(typed) + 1 :] if typed in typed_line else ()
-    meant = _lines_for(f"{word}-{after[0].lstrip('-')}", known) if after else []
-    # A word of two meanings: `info take1` is about a session, `info` about the rig.
-    meant += sorted(_lines_for(word, known), key=lambda line: takes_argument(line) is not bool(after))
-    if meant:
-        return f"{unknown}: it is {meant[0]}"
-    close = get_close_matches(typed.casefold(), names, 1, _CLOSE)
-    rows = _COMMANDS.get(error.ctx.command_path.split()[0], {}) if what == "option" else {}
-    elsewhere = [
-        f": it is {line}"
-        for line in _lines_for(word, rows)
-        if not f"{line} ".startswith(f"{error.ctx.command_path} ")
-    ]
-    if close:
+    footage = " ".join(
+        word
+        for before, word in named
+        if word.casefold().endswith(FOOTAGE)
+        and not (before.startswith(("-o", "--o")) or word.startswith("out"))
+    )
+    unknown, typed = _unknown(error, extra[1] if extra else "", typed_line)
+    if place := _at_place(error, extra[1] if extra else typed, footage):
+        return place
+    path, names = error.ctx.command_path, _names(error.ctx)
+    own, every = _tables(error)
+    words = [part for word in typed_line for part in (word.split("=", 1) if word[:2] == "--" else [word])]
+    words = [word for word in words if not word.isdecimal()]
+    at = words.index(typed) if typed in words else len(words)
+    after, before = words[at + 1 :], [word for word in words[:at] if word not in path.split()]
+    # Of two words, such as `grab video`, both together decide. A word of two meanings: `info take1` is about
+    # a session, `info` about the rig.
+    sure = (own.lines(typed + after[0].lstrip("-")) if after else []) + sorted(
+        own.lines(typed), key=lambda line: takes_argument(line) is not bool(after)
+    )
+    near = names if isinstance(error, click.NoSuchCommand) else _options(error.ctx)
+    if not sure and (close := get_close_matches(typed.casefold(), near, 1, _CLOSE)):
         return f"{unknown}. Did you mean '{close[0]}'?"
-    return unknown + ("".join(elsewhere[:1]) or (OVERVIEW if error.ctx.parent is None else ""))
+    meant = sure or every.lines(typed) or (every if names else own).lines_of_parts(typed)
+    # Beside a known word the next is asked, unless it says little; an unknown command leaves all of them.
+    if meant or not names:
+        beside = [line for word in after[:1] if word not in _WEAK for line in every.lines(word)]
+        meant = [*meant[: 1 if beside else 2], *beside]
+    else:
+        for word in sorted((*after, *before), key=lambda word: word[:1] != "-"):
+            meant = meant + (every.lines(word) or every.lines_of_parts(word))
+    # What was typed is not an answer.
+    shown = [
+        line for line in dict.fromkeys(meant) if line not in words and re.sub(" [A-Z].*", "", line) != path
+    ][:2]
+    answer = f"{unknown}: it is {', or '.join(shown)}" if shown else unknown
+    if footage and " import" not in answer + path and not (*shown, path)[0].startswith(_SOURCES):
+        return f"{answer}; footage is imported first: capture-app sessions import {footage}"
+    if shown and (sure or names):
+        return answer
+    return answer + (OVERVIEW if error.ctx.parent is None else f"; {path} takes {_takes(error.ctx)}")
 
 
-def _at_place(word: str, program: str) -> str:
-    """Return what to do with a file, a session or a folder in place of a command; empty for others."""
-    if word.casefold().endswith(_FOOTAGE):
-        return f"'{word}' is a file: capture-app sessions import FILE ... imports it"
+def _unknown(error: click.UsageError, extra: str, typed_line: Sequence[str]) -> tuple[str, str]:
+    """Return what a message says first about a word, and the word."""
+    if isinstance(error, click.NoSuchCommand):
+        return f"No such command '{error.command_name}'", error.command_name
+    if not isinstance(error, click.NoSuchOption):
+        return f"too many arguments: {extra}", extra.partition(" ")[0]
+    typed = error.option_name
+    if len(typed) == 2:
+        # Of ffmpeg's `-vcodec`, click names one letter.
+        typed = next(
+            (word for word in typed_line if "-" == word[:1] != word[1:2] and typed[1] in word), typed
+        )
+    return f"No such option '{typed}'", typed
+
+
+def _tables(error: click.UsageError) -> tuple[_Tables, _Tables]:
+    """Return the table of the command where a line ended, and all tables, the nearest first."""
+    assert error.ctx is not None
+    path, root, names = error.ctx.command_path, error.ctx.find_root(), _names(error.ctx)
+    known: Mapping[str, str] = {f"{path} {name} --help": f"help-{name}" for name in names}
+    if not isinstance(error, click.NoSuchCommand):
+        options = _options(error.ctx)
+        meant = {line: words for line, words in _OPTIONS.items() if line.split()[0] in options}
+        known = {**_OPTIONS_OF.get(path, {}), **meant}
+        known |= {name: f"{name} {known.get(name, '')}" for name in options if name[:2] == "--"}
+    own = {**known, **_COMMANDS.get(path, {})}
+    ours = {f"{at.command_path} {name}": name for at in (error.ctx, root) for name in _names(at)}
+    exports = {
+        f"capture-app sessions export SESSION --to {name}": f"{name} {words}"
+        for name, words in FORMATS.items()
+    }
+    programs = [_COMMANDS.get(name, {}) for name in (root.command_path, "capture-app", "reconstruct")][
+        : 3 if names else 1
+    ]
+    return _Tables(own), _Tables(own, ours, programs[0], exports, *programs)
+
+
+def _names(ctx: click.Context) -> list[str]:
+    return ctx.command.list_commands(ctx) if isinstance(ctx.command, click.Group) else []
+
+
+def _options(ctx: click.Context) -> list[str]:
+    return [name for param in ctx.command.get_params(ctx) for name in param.opts if name[:1] == "-"]
+
+
+def _takes(ctx: click.Context) -> str:
+    """Return what a command takes, in short: its commands, or its arguments and options."""
+    shown = [
+        param
+        for param in ctx.command.get_params(ctx)
+        if not {"--quiet", "--verbose", "--help"} & set(param.opts)
+    ]
+    return ", ".join(
+        _names(ctx)
+        or [param.opts[0] if param.opts[0][:1] == "-" else param.make_metavar(ctx) for param in shown]
+    )
+
+
+def _at_place(error: click.UsageError, word: str, footage: str) -> str:
+    """Return what to do with a file, a session, a folder or a number without a command; empty for others."""
+    assert error.ctx is not None
+    if not isinstance(error, click.NoSuchCommand):
+        return "" if isinstance(error, click.NoSuchOption) or footage else _option_for(error.ctx, word)
+    session_command = _OF_A_SESSION.get(error.ctx.command_path.split()[0], "")
+    if word.casefold().endswith(FOOTAGE):
+        imports = f"capture-app sessions import {footage or word} imports it"
+        return f"'{word}' is a file: {imports}, then {session_command} SESSION"
     for place in (Path(word), Path("sessions", word)):
-        is_session = os.path.isfile(place / "session.json")  # noqa: PTH113 - no word makes it raise
-        if is_session and (line := _OF_A_SESSION.get(program)):
-            return f"'{word}' is a session; the command comes first: {line} {place}"
+        if os.path.isfile(place / "session.json"):  # noqa: PTH113 - no word makes it raise
+            return f"'{word}' is a session; the command comes first: {session_command} {place}"
+    if any(re.fullmatch(shape, word) for shape in _SHAPES):
+        return ""
     if "/" in word and not os.path.lexists(word):
-        return f"there is nothing at {word}; the command comes first"
+        return f"there is nothing at {word}; the command comes first{OVERVIEW}"
     if word.strip("./") and os.path.isdir(word):  # noqa: PTH112 - the same
         return f"'{word}' is a folder: capture-app sessions import {word} imports it"
     return ""
-
-
-def _lines_for(word: str, rows: Mapping[str, str]) -> list[str]:
-    return [line for line, words in rows.items() if word.casefold() in words.split()]
 
 
 def _in_our_words(error: click.UsageError) -> str:
@@ -364,14 +579,13 @@ def _in_our_words(error: click.UsageError) -> str:
     text = error.message.rstrip(".")
     if isinstance(error, click.BadOptionUsage):
         return f"{error.option_name} needs a value" if "requires an argument" in text else text
-    if not isinstance(error, click.BadParameter) or error.param is None:
-        return _TOO_MANY.sub(
-            lambda given: f"too many arguments: {given[1]}{_option_for(given[1], error)}", text
-        )
+    if not isinstance(error, click.BadParameter) or error.param is None or error.ctx is None:
+        return text
     name, kind = error.param.get_error_hint(error.ctx).replace("'", ""), error.param.type
     if isinstance(error, click.MissingParameter):
-        lists = {"--camera": "cameras lists what there is", "CAMERA": "status names those of the rig"}
-        return f"{name} is missing" + (f"; capture-app {lists[name]}" if name in lists else "")
+        add = f"add {name} {error.param.make_metavar(error.ctx)}" if name[:1] == "-" else ""
+        add = _LISTS.get(name, add) or f"{error.ctx.command_path} takes {_takes(error.ctx)}"
+        return f"{name} is missing; {add}"
     given, is_not, _ = text.partition(" is not ")
     if not is_not or kind.name not in _NUMBERS:
         return f"{name}: {text}"
@@ -384,8 +598,14 @@ def _in_our_words(error: click.UsageError) -> str:
     return f"{name} takes {_NUMBERS[kind.name]}{limits}, not {given}"
 
 
-def _option_for(given: str, error: click.UsageError) -> str:
-    """Return the first option of the command that takes a number, for a number without one."""
-    params = error.ctx.command.params if error.ctx and given.isdecimal() else []
-    taking = [param.opts[0] for param in params if param.opts[0][:1] == "-" and param.type.name in _NUMBERS]
-    return f" (write {taking[0]} {given})" if taking else ""
+def _option_for(ctx: click.Context, given: str) -> str:
+    """Return what to write for an argument that a command does not take; empty if nothing fits."""
+    params = {param.opts[0]: param for param in ctx.command.get_params(ctx)}
+    names = [name for name in params if name[:1] == "-" and params[name].type.name in _NUMBERS]
+    option = "--against" if "--against" in params else names[0] if names and given.isdecimal() else ""
+    if "text" in params:
+        return f"too many arguments: put the text in quotes, such as '... {given}'"
+    # A number is a camera where there are cameras.
+    return (
+        f"too many arguments: {given} (write {option} {given})" if option and "--camera" not in params else ""
+    )

@@ -7,7 +7,7 @@ import os
 import re
 from collections.abc import Mapping, Sequence
 from difflib import get_close_matches
-from itertools import pairwise
+from itertools import pairwise, takewhile
 from pathlib import Path
 
 import click
@@ -21,94 +21,121 @@ OVERVIEW = (
 """What the answer to an unknown command shows."""
 _COMMANDS = {
     "capture-app": {
+        "capture-app rig list": "ps rigs log logs logcat container containers process processes events "
+        "journal dmesg",
         "capture-app burst": "capture shoot take snap photo picture snapshot shot trigger frames grab arm "
-        "fire still stills getsnapshot imwrite screencap release photograph",
+        "fire still stills getsnapshot imwrite screencap release photograph screenshot capture-image "
+        "capture-photo capture-still capture-frame capture-frames jpeg jpg raw shots bulb photos "
+        "capture-pictures selfie click pic pics snap-photo expose",
         "capture-app burst --name NAME, or record --name NAME": "new create create-session new-session "
-        "project",
+        "project branch new-take",
         "capture-app burst --interval-s S": "timelapse time-lapse interval intervalometer shoot-interval "
         "capture-interval",
-        "capture-app burst --on-motion": "motion motion-detection watch-trigger wait-event event",
+        "capture-app burst --on-motion": "motion motion-detection watch-trigger wait-event event pir "
+        "motion-trigger",
         "capture-app record": "video film movie rec recording grab-video capture-video vid vids screenrecord "
-        "screencast camcorder",
-        "capture-app record --stop": "end-recording stop-recording pause",
-        "capture-app rig start": "start up run launch init startup boot",
-        "capture-app rig stop": "stop down quit kill shutdown end",
-        "capture-app, without a command": "ui tui gui screen app open studio shell console interactive obs",
+        "screencast camcorder videowriter video-writer capture-movie capture-film recorder rec-video "
+        "cam-record roll clip-record",
+        "capture-app record --stop": "end-recording stop-recording pause stop-record end-record stop-capture "
+        "cut-recording",
+        "capture-app rig start": "start up run launch init startup boot begin go apply-rig deploy deployment "
+        "create-rig serve-start daemon",
+        "capture-app rig stop": "stop down quit kill shutdown end halt terminate teardown shut-down off "
+        "poweroff exit-rig stop-server kill-server",
+        "capture-app, without a command": "ui tui gui screen app open studio shell console interactive obs "
+        "start-ui window desktop bash menu wizard interface attach-screen",
         "capture-app serve": "web browser",
-        "capture-app leader": "server master host main controller serve-rig",
+        "capture-app leader": "server master host main controller serve-rig hub coordinator primary "
+        "sync-server master-clock controller-start",
         "capture-app node --camera SPEC": "client slave join connect worker agent attach tether tethered "
-        "videocapture",
+        "videocapture videostream video-stream capture-device listen subscribe add-node join-rig "
+        "connect-to daemon-node agent-start",
         "capture-app cameras": "devices list-devices list-cameras webcam webcams ls-cameras scan discover "
         "sources source input inputs videoinput auto-detect autodetect detect imaqhwinfo dshow "
-        "avfoundation v4l2 v4l lsusb enumerate list-sources",
+        "avfoundation v4l2 v4l lsusb enumerate list-sources cam cams usb usb-cameras root-hub lsdev "
+        "probe-cameras find find-cameras available input-devices hardware",
         "capture-app cameras add SPEC": "add-camera addcamera add add-source add-device",
-        "capture-app cameras remove NAME": "kick eject disconnect drain detach unplug remove",
         "capture-app node --camera SPEC,fps=N,width=W": "fps framerate resolution mode format size width "
         "height frame-rate parm set-fmt-video pixel-format pixelformat",
-        "capture-app trust pair LEADER": "pair login auth key keys",
-        "capture-app sessions list": "ls list takes library history images files gallery recordings",
-        "capture-app sessions trash SESSION": "delete rm remove del rmi trash",
+        "capture-app trust pair LEADER": "pair login auth key keys register enroll enrol authorize authorise "
+        "authenticate remote-add",
+        "capture-app sessions list": "ls list takes library images files gallery log history lsl lsf lsd "
+        "lsjson tree sessions-list dir catalog archive-list db database show-all",
+        "capture-app sessions trash SESSION": "delete rm remove del rmi trash unlink erase destroy drop "
+        "discard rmdir",
         "capture-app sessions export SESSION": "convert to save archive copy cp backup upload download push "
-        "extract extract-frames mux converter clone export",
+        "extract extract-frames mux converter clone export copyto copy-to moveto save-as dump rsync scp "
+        "send transfer get-file get-all-files render-video",
         "capture-app sessions note SESSION TEXT": "tag annotate comment commit label note",
         "capture-app sessions export SESSION --to otio": "edl xml fcpxml timeline premiere resolve davinci "
         "nle",
         "capture-app sessions export SESSION --to mcap": "rosbag ros2bag bag ros",
         "capture-app sessions export SESSION --to mp4": "mp4 mov prores encode transcode codec vcodec crf "
         "bitrate encoder mkv avi h264 remux",
-        "capture-app sessions restore SESSION": "undo undelete untrash revert restore",
+        "capture-app sessions restore SESSION": "undo undelete untrash revert restore recover-deleted "
+        "rollback",
         "capture-app sessions import SOURCE": "ingest gopro dji multicam clips sync synchronize align load "
         "pull fetch merge concat process-data ns-process-data import-videos open-video extract-frames "
-        "hstack vstack add-videos add-new-videos import",
+        "hstack vstack add-videos add-new-videos import pull-video download-footage add-footage "
+        "open-folder multicam-sync align-videos sync-audio stitch-videos input-files convert-video",
         "capture-app sessions sheet SESSION": "contact-sheet thumbnails sheet",
         "capture-app demo": "simulate sim simulated simulation fake virtual virtual-camera hello "
-        "test-pattern testsrc example",
+        "test-pattern testsrc example virtualcam virtual-cam test-source mock dry-run tutorial "
+        "quickstart getting-started try samples",
         "capture-app sessions show SESSION": "inspect describe probe info details metadata timestamps "
-        "checkout ffprobe summary size mediainfo exif exiftool properties show",
-        "capture-app sessions verify SESSION": "check verify validate fsck",
+        "checkout ffprobe summary size mediainfo exif exiftool properties show stat cat head about "
+        "size-of identify",
+        "capture-app sessions verify SESSION": "check verify validate fsck cryptcheck checksum md5sum sha256 "
+        "hashsum integrity",
         "capture-app sessions wiggle SESSION": "play wiggle",
         "capture-app sessions empty-trash": "purge clean empty-trash prune",
         "capture-app status": "sync-check sync-status test-sync sync-test nodes info stats state health sync "
         "synchronize genlock jam jam-sync accuracy clock latency dropped drops top ping pods "
-        "node-status cluster cluster-info topic topics",
-        "capture-app doctor": "check diagnose test disk space storage du firewall network wifi",
-        "capture-app rig list": "ps rigs log logs logcat",
+        "node-status cluster cluster-info topic topics heartbeat echo hz state-of ready readiness "
+        "sync-state drift jitter bandwidth monitor-status get-state health-check healthcheck",
+        "capture-app doctor": "check diagnose test disk space storage du firewall network wifi troubleshoot "
+        "debug self-test selftest lint env environment system-info sysinfo about-system check-install",
         "capture-app, by the line that installed it (docs/install.md)": "update upgrade install",
         "capture-app, by make uninstall or pip uninstall simulshot": "uninstall",
-        "capture-app phones": "phone mobile android ios qr join-qr pair-qr",
+        "capture-app phones": "phone mobile android ios qr join-qr pair-qr iphone ipad smartphone tablet apk "
+        "scan-qr",
         "capture-app monitor": "dashboard live watch stream livestream broadcast streaming stream-on "
-        "view-live liveview live-view hls",
+        "view-live liveview live-view hls preview-all viewfinder multiview-live mirror watch-live rtmp "
+        "broadcast-start",
         "capture-app --version": "version",
-        "capture-app --help": "help",
+        "capture-app --help": "help man manual usage commands docs documentation explain",
         "capture-app people": "osc vmc live-people livemocap live-mocap avatar vtuber",
         "reconstruct calibrate SESSION": "calibrate calibration calib intrinsics extrinsics lens lenses "
-        "calibrator camera-calibration camera-calibrator undistort",
+        "calibrator camera-calibration camera-calibrator undistort chessboard-calibrate "
+        "calibrate-camera calibrate-intrinsics stereo-calibrate poses-calibrate wand",
         "reconstruct, a command of its own": "reconstruct",
         "reconstruct multiview SESSION --out DIR": "photogrammetry depth depthmap depth-map mesh pointcloud "
-        "3d multiview sfm mvs volumetric ply scan obj model dense",
+        "3d multiview sfm mvs volumetric ply scan obj model dense build reconstruct-3d point-clouds "
+        "dense-cloud tsdf nerf-to-mesh",
         "reconstruct stereo SESSION --out DIR": "stereo disparity",
         "reconstruct splat SESSION --out DIR": "splat splats gsplat gaussians gaussian-splat "
         "gaussian-splatting train 3dgs",
-        "reconstruct trajectory SESSION --out DIR": "track trajectory tracking",
+        "reconstruct trajectory SESSION --out DIR": "track trajectory tracking track-object ball track-ball "
+        "object-tracking",
         "reconstruct panorama SESSION --out DIR": "panorama stitch pano 360",
         "reconstruct people SESSION --out DIR": "gait angles pose2d pose3d markerless pose poses skeleton "
         "mocap joints keypoints triangulate c3d bvh trc blender freemocap mediapipe openpose opencap "
-        "deeplabcut dlc fbx",
+        "deeplabcut dlc fbx motion-capture body-tracking estimate-pose track-people skeletons",
         "reconstruct movers SESSION --out DIR": "matte mattes mask masks movers greenscreen green-screen "
         "chroma-key background background-removal segment",
         "reconstruct compare SESSION --out DIR": "compare evaluate report",
-        "reconstruct time SESSION": "time offset offsets",
+        "reconstruct time SESSION": "time offset offsets sync-offset time-offset clap flash latency-offset",
         "capture-app panel show": "timecode time-code led",
         "reconstruct board FILE": "make-board print-board board charuco chessboard checkerboard",
         "reconstruct view SESSION --out DIR": "orbit flythrough view walk render bullet-time bullettime "
         "freeze freeze-frame visualize visualise plot rviz novel-view",
         "reconstruct view SESSION --page --out DIR": "share publish viewer",
         "capture-app burst --before N": "replay replay-buffer instant-replay retroactive pre-roll preroll",
-        "capture-app burst --wait-s S": "wait wait-for wait-for-device",
+        "capture-app burst --wait-s S": "wait wait-for wait-for-device countdown self-timer timer delay",
         "capture-app rig stop, then capture-app rig start": "restart reboot rollout reset reload",
         "capture-app rig stagger ORDER": "stagger",
         "capture-app node --camera SPEC,sound=own": "sound audio mic microphone mute",
-        "capture-app node --name NAME --camera SPEC": "rename-camera camera-name",
+        "capture-app node --name NAME --camera SPEC": "rename-camera camera-name set-name alias",
         "capture-app leader --port PORT": "port ports tcpip",
         "capture-app cameras controls": "ctrl ctrls list-ctrls get-ctrl list-config get-config list-controls "
         "capabilities abilities caps list-formats formats controls",
@@ -116,24 +143,33 @@ _COMMANDS = {
         "capture-app cameras characterize SPEC": "characterize benchmark",
         "capture-app cameras calibrate-time": "calibrate-time",
         "capture-app cameras set exposure=4000, in µs": "exposure exposure-time exposure-absolute "
-        "exposure-us shutter shutter-speed auto-exposure ae",
-        "capture-app cameras set gain=2": "gain iso analogue-gain",
+        "exposure-us shutter shutter-speed auto-exposure ae ev shutterspeed exposure-compensation "
+        "aperture brightness",
+        "capture-app cameras set gain=2": "gain iso analogue-gain gain-db isospeed analog-gain",
         "capture-app cameras set focus=auto": "focus autofocus auto-focus af focus-absolute",
         "capture-app cameras set white-balance=5000, in kelvin": "white-balance whitebalance wb awb "
         "color-temperature auto-white-balance",
         "capture-app cameras set --profile FILE": "profile preset presets apply",
         "capture-app sessions import SOURCE --start N --count N": "trim cut crop clip",
         "capture-app sessions rename SESSION NAME": "mv rename move",
-        "capture-app sessions repair SESSION": "repair recover resume",
-        "capture-app trust list": "trusted",
+        "capture-app sessions repair SESSION": "repair recover resume salvage",
+        "capture-app trust list": "trusted remotes known-hosts",
         "capture-app trust invite": "invite",
         "capture-app trust remove MACHINE": "revoke forget untrust",
         "reconstruct compare SESSION --against OTHER --out DIR": "diff",
         "capture-app sessions schema": "schema",
-        "capture-app cameras show NAME": "show",
+        "capture-app cameras show NAME": "show camera-info get-camera device-info",
         "capture-app cameras list": "list",
         "capture-app cameras set CONTROL=VALUE, such as exposure=4000": "settings config controls set "
-        "set-config set-ctrl param params property properties",
+        "set-config set-ctrl param params property properties edit patch configure configuration adjust "
+        "tune option options parameters",
+        "capture-app preview CAMERA": "capture-preview preview-window",
+        "capture-app relay LEADER": "repeater bridge proxy forward tunnel",
+        "capture-app leader --lsl": "lab-streaming-layer",
+        "capture-app mark TEXT": "marker event-marker bookmark",
+        "capture-app refclock": "chrony ntp ptp",
+        "capture-app cameras remove NAME": "kick eject disconnect drain detach unplug remove rm delete stop "
+        "kill release-camera",
     },
     "capture-app sessions": {
         "capture-app sessions trash SESSION": "delete rm remove del purge",
@@ -155,9 +191,12 @@ _COMMANDS = {
     "reconstruct": {
         "reconstruct multiview SESSION --out DIR": "photogrammetry depth depthmap dense mvs pointcloud "
         "point-cloud cloud fusion 3d volumetric scan obj model patch-match-stereo stereo-fusion "
-        "automatic-reconstructor delaunay-mesher reconstruct reconstruction rebuild tsdf voxel",
+        "automatic-reconstructor delaunay-mesher reconstruct reconstruction rebuild tsdf voxel build "
+        "run pipeline run-pipeline start create make texture texturer mesh-texturer texrecon meshing "
+        "meshroom odm mvsnet cloudcompare dust3r vggt 3d-model",
         "reconstruct multiview SESSION --mesh --out DIR": "mesh poisson mesher poisson-mesher",
-        "reconstruct stereo SESSION --out DIR": "disparity sgbm pair rectify stereo-image-proc",
+        "reconstruct stereo SESSION --out DIR": "disparity sgbm pair rectify stereo-image-proc bm depth-pair "
+        "stereo-match",
         "reconstruct calibrate SESSION --mark CAMERA=X,Y --distance-m M": "scale align-gcp gcp",
         "reconstruct view SESSION --page --out DIR": "share",
         "reconstruct calibrate SESSION": "sfm sparse mapper calib calibration intrinsics extrinsics poses "
@@ -165,42 +204,53 @@ _COMMANDS = {
         "bundle-adjuster matcher global-mapper point-triangulator triangulator database "
         "database-creator aligner model-aligner configurator rig-configurator calibrator "
         "camera-calibration undistort solve slam camera-solve camera-track matchmove estimate "
-        "parameters",
+        "parameters bundle adjuster rig-bundle-adjuster calibrate-intrinsics calibrate-extrinsics "
+        "calibrate-camera intrinsic extrinsic vocab-tree-matcher analyzer model-analyzer register "
+        "image-registrator align-cameras poses-calibrate stereo-calibrate transform scale-model",
         "reconstruct splat SESSION --out DIR": "splats gsplat gaussian gaussians gaussian-splat "
-        "gaussian-splatting splatfacto train 3dgs nerf nerfacto",
-        "reconstruct panorama SESSION --out DIR": "stitch pano stitching 360 equirectangular",
+        "gaussian-splatting splatfacto train 3dgs nerf nerfacto ngp instant-ngp gs gsplats "
+        "radiance-field fit optimize optimise neus",
+        "reconstruct panorama SESSION --out DIR": "stitch pano stitching 360 equirectangular mosaic stitcher "
+        "180",
         "reconstruct view SESSION --out DIR": "orbit flythrough walk play render novel-view bullet-time "
         "bullettime wiggle viewer visualize visualise visualization rviz viz plot display rendering "
-        "blend blender animate animation",
-        "reconstruct time SESSION": "sync synchronize align offset offsets",
+        "blend blender animate animation render-video turntable interpolate slerp fly",
+        "reconstruct time SESSION": "sync synchronize align offset offsets synchronise time-sync genlock "
+        "audio-sync",
         "reconstruct people SESSION --out DIR": "gait angles pose2d pose3d markerless pose skeleton mocap "
         "joints keypoints motion-capture human body triangulate c3d bvh trc freemocap mediapipe "
         "openpose opencap anipose deeplabcut dlc fbx label labeled label-3d filter filter-3d "
         "filterpredictions analyze analyse predict inference smpl smooth process process-recording "
-        "process-session",
+        "process-session project-2d reproject estimate-pose pose-estimation estimate track-people lift "
+        "lift-3d dance walk-cycle retarget rig-animation vicon opensim bodies person humans kinematics",
         "reconstruct movers SESSION --out DIR": "matte mattes mask masks segment rotoscope greenscreen "
-        "green-screen background background-removal foreground matting",
-        "reconstruct trajectory SESSION --out DIR": "track ball path tracking tracker camera-tracker",
+        "green-screen background background-removal foreground matting segmentation remove-background "
+        "roto",
+        "reconstruct trajectory SESSION --out DIR": "track ball path tracking tracker camera-tracker object "
+        "track-object motion",
         "reconstruct compare SESSION --out DIR": "evaluate eval quality report summarize summary psnr ssim "
-        "benchmark",
+        "benchmark benchmarks metrics validate score stats check verify",
         "reconstruct board FILE": "make-board print-board charuco chessboard checkerboard",
         "reconstruct batch SESSIONS": "jobs slurm",
         "capture-app sessions import SOURCE": "import images photos pictures image-path process-data "
         "ns-process-data convert-videos load ingest data input extract-frames folder footage clips "
-        "add-videos add-new-videos",
+        "add-videos add-new-videos download download-data dataset project new-project init open add",
         "capture-app sessions export SESSION": "export convert converter model-converter ns-export save "
-        "extract-frames",
+        "extract-frames output to",
         "capture-app sessions list": "list ls sessions",
-        "capture-app sessions show SESSION": "show info",
+        "capture-app sessions show SESSION": "show info describe inspect",
         "capture-app burst": "capture shoot burst",
         "capture-app record": "record video",
         "reconstruct --version": "version",
         "reconstruct --help": "help",
         "capture-app sessions trash SESSION": "delete rm remove",
         "capture-app cameras": "cameras devices",
-        "capture-app, without a command": "gui ui tui",
+        "capture-app, without a command": "gui ui tui start-ui visualizer-app",
         "capture-app panel show": "timecode",
         "reconstruct compare SESSION --against OTHER --out DIR": "diff",
+        "capture-app doctor": "doctor test",
+        "capture-app status": "status",
+        "capture-app demo": "demo example simulate",
     },
     "capture-app cameras": {
         "capture-app cameras list": "ls devices scan discover find",
@@ -359,11 +409,9 @@ _SHAPES = {
 """What a word means by its shape: a camera, the address of a leader, or a size."""
 _WEAK = {
     *("add", "all", "create", "get", "list", "make", "new", "open", "run", "set", "show", "start", "take"),
-    *("camera", "data", "file", "path", "session", "video"),
+    *("camera", "data", "file", "path", "save", "session", "video"),
 }
 """Words that say less than the others of a line, as in `list-devices`."""
-_GROUPS = ("sessions", "cameras", "rig", "trust")
-"""Groups whose commands people also type without the group."""
 _SOURCES = ("capture-app burst", "capture-app record", "capture-app node", "capture-app preview")
 """Commands that make footage: a file that is named beside them is not imported first."""
 _MODELS = (".glb", ".gltf", ".obj", ".ply", ".usdz")
@@ -384,8 +432,9 @@ _LISTS = {
 _TOO_MANY = re.compile(r"Got unexpected extra arguments? \((.*)\)", re.DOTALL)
 _CLOSE = 0.75
 """Similarity from which a name counts as mistyped; click's own 0.6 takes `--json` for `--count`."""
-_LONGEST = 40
-"""Letters of a word that are taken apart."""
+_MAX_LETTERS, _MAX_WORDS = 40, 50
+"""Letters of a word that are taken apart, and words of a line that are asked."""
+_EXPORTS = {f"capture-app sessions export SESSION --to {name}": f"{name} {FORMATS[name]}" for name in FORMATS}
 
 
 def words_for(line: str) -> list[str]:
@@ -403,44 +452,37 @@ def words_for(line: str) -> list[str]:
     ).split()
 
 
-def takes_argument(line: str) -> bool:
-    """Return whether a command line of ours ends in a placeholder, as `sessions show SESSION` does."""
-    return line.split(" -")[0][-1:].isupper()
-
-
 class _Tables:
     """Command lines by the words that mean them, in tables of which the first that has a word decides."""
 
     def __init__(self, *tables: Mapping[str, str]) -> None:
-        self._tables: list[dict[str, list[str]]] = []
-        for rows in tables:
-            self._tables.append({})
-            for line, words in rows.items():
-                for word in words.split():
-                    self._tables[-1].setdefault(_plain(word), []).append(line)
+        self._tables = [{line: {*map(_plain, rows[line].split())} for line in rows} for rows in tables]
 
     def lines(self, word: str) -> list[str]:
         """Return what a whole word means."""
-        shapes = [lines for shape, lines in _SHAPES.items() if re.fullmatch(shape, word)]
-        shaped = [line.format(word) for lines in shapes for line in lines.split(", or ")]
-        return next((rows[_plain(word)] for rows in self._tables if _plain(word) in rows), shaped)
+        answers = ([line for line in rows if _plain(word) in rows[line]] for rows in self._tables)
+        return next(filter(None, answers), _shaped(word))
 
     def lines_of_parts(self, word: str) -> list[str]:
         """Return what the parts of a compound mean, such as `take-photo`, `takePhoto` or `takephoto`."""
-        word = "" if "." in word or "/" in word else word[:_LONGEST]
-        parts: Sequence[str] = re.findall("[A-Z]?[a-z0-9]+|[A-Z]+(?![a-z])", word)
+        word = "" if {".", "/"} & {*word} else word[:_MAX_LETTERS]
+        parts: Sequence[str] = re.findall("[0-9]*[A-Z]?[a-z][a-z0-9]*|[A-Z]+(?![a-z])", word)
         if len(parts) == 1:
             cuts = ((word[:at], word[at:]) for at in range(3, len(word) - 2))
             parts = next((cut for cut in cuts if all(map(self.lines, cut))), ())
-        parts = [part for part in parts if not part.isdecimal()]
         strong = [line for part in parts if _plain(part) not in _WEAK for line in self.lines(part)]
         return strong or [line for part in parts for line in self.lines(part)]
 
 
 def _plain(word: str) -> str:
     """Return a word as it is looked up: without a value, hyphens, capitals and the plural's ending."""
-    plain = re.sub("[-_]", "", word.partition("=")[0]).casefold()
-    return plain.removesuffix("s") if len(plain) > 3 else plain
+    return re.sub(r"(?<=...)s\Z", "", re.sub("[-_]", "", word.partition("=")[0].casefold()))
+
+
+def _shaped(word: str) -> list[str]:
+    """Return what a word means by its shape."""
+    shaped = [lines for shape, lines in _SHAPES.items() if re.fullmatch(shape, word)]
+    return [line.format(word) for lines in shaped for line in lines.split(", or ")]
 
 
 def advise(error: click.UsageError, typed_line: Sequence[str] = ()) -> str:
@@ -449,50 +491,54 @@ def advise(error: click.UsageError, typed_line: Sequence[str] = ()) -> str:
     models = [word for before, word in named if word.casefold().endswith(_MODELS) and before[:1] != "-"]
     if models and isinstance(error, click.MissingParameter | click.NoSuchCommand):
         return f"'{models[0]}' is a 3D model: Blender shows it, and reconstruct view shows sessions"
-    extra = _TOO_MANY.fullmatch(error.message.rstrip("."))
-    if error.ctx is None or not (extra or isinstance(error, click.NoSuchOption | click.NoSuchCommand)):
-        return _in_our_words(error)
-    footage = " ".join(
+    files = [
         word
         for before, word in named
         if word.casefold().endswith(FOOTAGE)
         and not (before.startswith(("-o", "--o")) or word.startswith("out"))
-    )
-    unknown, typed = _unknown(error, extra[1] if extra else "", typed_line)
-    if place := _at_place(error, extra[1] if extra else typed, footage):
+    ]
+    footage = " ".join(files[:3] + ["..."] * (len(files) > 3))
+    extra = _TOO_MANY.fullmatch(error.message.rstrip("."))
+    if error.ctx is None or not (extra or isinstance(error, click.NoSuchOption | click.NoSuchCommand)):
+        return _in_our_words(error, typed_line)
+    if place := _at_place(error, error.ctx, footage):
         return place
-    path, names = error.ctx.command_path, _names(error.ctx)
-    own, every = _tables(error)
-    words = [part for word in typed_line for part in (word.split("=", 1) if word[:2] == "--" else [word])]
-    words = [word for word in words if not word.isdecimal()]
+    unknown, typed = _unknown(error, extra[1] if extra else "", typed_line)
+    if extra and not footage and (option := _option_for(extra[1], error.ctx)):
+        return f"{unknown} ({option})"
+    path, names, (own, every) = error.ctx.command_path, _names(error.ctx), _tables(error, error.ctx)
+    split = (word.split("=", 1) if word[:2] == "--" else [word] for word in typed_line[:_MAX_WORDS])
+    words = [word for parts in split for word in parts if not word.isdecimal()]
     at = words.index(typed) if typed in words else len(words)
     after, before = words[at + 1 :], [word for word in words[:at] if word not in path.split()]
     # Of two words, such as `grab video`, both together decide. A word of two meanings: `info take1` is about
     # a session, `info` about the rig.
-    sure = (own.lines(typed + after[0].lstrip("-")) if after else []) + sorted(
-        own.lines(typed), key=lambda line: takes_argument(line) is not bool(after)
+    sure = [line for word in after[:1] for line in own.lines(typed + word.lstrip("-"))] + sorted(
+        own.lines(typed), key=lambda line: line.split(" -")[0][-1:].isupper() is not bool(after)
     )
     near = names if isinstance(error, click.NoSuchCommand) else _options(error.ctx)
     if not sure and (close := get_close_matches(typed.casefold(), near, 1, _CLOSE)):
         return f"{unknown}. Did you mean '{close[0]}'?"
-    meant = sure or every.lines(typed) or (every if names else own).lines_of_parts(typed)
+    meant = sure or every.lines(typed) or (every if names else own).lines_of_parts(typed.split(".")[0])
     # Beside a known word the next is asked, unless it says little; an unknown command leaves all of them.
-    if meant or not names:
-        beside = [line for word in after[:1] if word not in _WEAK for line in every.lines(word)]
-        meant = [*meant[: 1 if beside else 2], *beside]
-    else:
-        for word in sorted((*after, *before), key=lambda word: word[:1] != "-"):
-            meant = meant + (every.lines(word) or every.lines_of_parts(word))
+    asked = after[:1] if meant or not names else sorted((*after, *before), key=lambda word: word[:1] != "-")
+    beside = [
+        line
+        for word in asked
+        for line in every.lines(word) or (every.lines_of_parts(word) if names and not meant else ())
+        if not (meant and word in _WEAK)
+    ]
     # What was typed is not an answer.
     shown = [
-        line for line in dict.fromkeys(meant) if line not in words and re.sub(" [A-Z].*", "", line) != path
+        line
+        for line in dict.fromkeys((*meant[: 1 if beside else 2], *beside))
+        if line not in words and re.sub(" [A-Z].*", "", line) != path
     ][:2]
     answer = f"{unknown}: it is {', or '.join(shown)}" if shown else unknown
     if footage and " import" not in answer + path and not (*shown, path)[0].startswith(_SOURCES):
         return f"{answer}; footage is imported first: capture-app sessions import {footage}"
-    if shown and (sure or names):
-        return answer
-    return answer + (OVERVIEW if error.ctx.parent is None else f"; {path} takes {_takes(error.ctx)}")
+    more = OVERVIEW if error.ctx.parent is None else f"; {path} takes {_takes(error.ctx)}"
+    return answer if shown and (sure or names) else answer + more
 
 
 def _unknown(error: click.UsageError, extra: str, typed_line: Sequence[str]) -> tuple[str, str]:
@@ -502,34 +548,24 @@ def _unknown(error: click.UsageError, extra: str, typed_line: Sequence[str]) -> 
     if not isinstance(error, click.NoSuchOption):
         return f"too many arguments: {extra}", extra.partition(" ")[0]
     typed = error.option_name
-    if len(typed) == 2:
-        # Of ffmpeg's `-vcodec`, click names one letter.
-        typed = next(
-            (word for word in typed_line if "-" == word[:1] != word[1:2] and typed[1] in word), typed
-        )
+    # Of ffmpeg's `-vcodec`, click names one letter.
+    clusters = (word for word in typed_line if "-" == word[:1] != word[1:2] and typed[1] in word)
+    typed = next(clusters, typed) if len(typed) == 2 else typed
     return f"No such option '{typed}'", typed
 
 
-def _tables(error: click.UsageError) -> tuple[_Tables, _Tables]:
+def _tables(error: click.UsageError, ctx: click.Context) -> tuple[_Tables, _Tables]:
     """Return the table of the command where a line ended, and all tables, the nearest first."""
-    assert error.ctx is not None
-    path, root, names = error.ctx.command_path, error.ctx.find_root(), _names(error.ctx)
+    path, root, names, options = ctx.command_path, ctx.find_root(), _names(ctx), _options(ctx)
     known: Mapping[str, str] = {f"{path} {name} --help": f"help-{name}" for name in names}
     if not isinstance(error, click.NoSuchCommand):
-        options = _options(error.ctx)
-        meant = {line: words for line, words in _OPTIONS.items() if line.split()[0] in options}
-        known = {**_OPTIONS_OF.get(path, {}), **meant}
+        known = {line: words for line, words in _OPTIONS.items() if line.split()[0] in options}
+        known = _OPTIONS_OF.get(path, {}) | known
         known |= {name: f"{name} {known.get(name, '')}" for name in options if name[:2] == "--"}
     own = {**known, **_COMMANDS.get(path, {})}
-    ours = {f"{at.command_path} {name}": name for at in (error.ctx, root) for name in _names(at)}
-    exports = {
-        f"capture-app sessions export SESSION --to {name}": f"{name} {words}"
-        for name, words in FORMATS.items()
-    }
-    programs = [_COMMANDS.get(name, {}) for name in (root.command_path, "capture-app", "reconstruct")][
-        : 3 if names else 1
-    ]
-    return _Tables(own), _Tables(own, ours, programs[0], exports, *programs)
+    ours = {f"{at.command_path} {name}": name for at in (ctx, root) for name in _names(at)}
+    programs = [_COMMANDS.get(name, {}) for name in (root.command_path, "capture-app", "reconstruct")]
+    return _Tables(own), _Tables(own, ours, programs[0], _EXPORTS, *programs[: 3 if names else 1])
 
 
 def _names(ctx: click.Context) -> list[str]:
@@ -542,50 +578,60 @@ def _options(ctx: click.Context) -> list[str]:
 
 def _takes(ctx: click.Context) -> str:
     """Return what a command takes, in short: its commands, or its arguments and options."""
-    shown = [
-        param
+    taken = (
+        param.opts[-1] if param.opts[0][:1] == "-" else param.make_metavar(ctx)
         for param in ctx.command.get_params(ctx)
-        if not {"--quiet", "--verbose", "--help"} & set(param.opts)
-    ]
+    )
     return ", ".join(
-        _names(ctx)
-        or [param.opts[0] if param.opts[0][:1] == "-" else param.make_metavar(ctx) for param in shown]
+        _names(ctx) or [name for name in taken if name not in ("--quiet", "--verbose", "--help")]
     )
 
 
-def _at_place(error: click.UsageError, word: str, footage: str) -> str:
-    """Return what to do with a file, a session, a folder or a number without a command; empty for others."""
-    assert error.ctx is not None
-    if not isinstance(error, click.NoSuchCommand):
-        return "" if isinstance(error, click.NoSuchOption) or footage else _option_for(error.ctx, word)
-    session_command = _OF_A_SESSION.get(error.ctx.command_path.split()[0], "")
+def _at_place(error: click.UsageError, ctx: click.Context, footage: str) -> str:
+    """Return what to do with a file, a session or a folder in place of a command; empty for others."""
+    word = error.command_name if isinstance(error, click.NoSuchCommand) else ""
+    then = _OF_A_SESSION.get(ctx.find_root().command_path, "")
     if word.casefold().endswith(FOOTAGE):
-        imports = f"capture-app sessions import {footage or word} imports it"
-        return f"'{word}' is a file: {imports}, then {session_command} SESSION"
+        return (
+            f"'{word}' is a file: capture-app sessions import {footage or word} imports it, "
+            f"then {then} SESSION"
+        )
     for place in (Path(word), Path("sessions", word)):
-        if os.path.isfile(place / "session.json"):  # noqa: PTH113 - no word makes it raise
-            return f"'{word}' is a session; the command comes first: {session_command} {place}"
-    if any(re.fullmatch(shape, word) for shape in _SHAPES):
-        return ""
-    if "/" in word and not os.path.lexists(word):
+        if word and os.path.isfile(place / "session.json"):  # noqa: PTH113 - no word makes it raise
+            return f"'{word}' is a session; the command comes first: {then} {place}"
+    if "/" in word and not (_shaped(word) or os.path.lexists(word)):
         return f"there is nothing at {word}; the command comes first{OVERVIEW}"
-    if word.strip("./") and os.path.isdir(word):  # noqa: PTH112 - the same
+    if word.strip("./") and not _shaped(word) and os.path.isdir(word):  # noqa: PTH112 - the same
         return f"'{word}' is a folder: capture-app sessions import {word} imports it"
     return ""
 
 
-def _in_our_words(error: click.UsageError) -> str:
+def _in_our_words(error: click.UsageError, typed_line: Sequence[str]) -> str:
     """Return what an option or argument takes, and what it was given, instead of click's sentences."""
     text = error.message.rstrip(".")
     if isinstance(error, click.BadOptionUsage):
         return f"{error.option_name} needs a value" if "requires an argument" in text else text
     if not isinstance(error, click.BadParameter) or error.param is None or error.ctx is None:
         return text
-    name, kind = error.param.get_error_hint(error.ctx).replace("'", ""), error.param.type
+    name, kind, path = (
+        error.param.get_error_hint(error.ctx).replace("'", ""),
+        error.param.type,
+        error.ctx.command_path,
+    )
     if isinstance(error, click.MissingParameter):
-        add = f"add {name} {error.param.make_metavar(error.ctx)}" if name[:1] == "-" else ""
-        add = _LISTS.get(name, add) or f"{error.ctx.command_path} takes {_takes(error.ctx)}"
-        return f"{name} is missing; {add}"
+        add = (
+            f"add {name} {error.param.make_metavar(error.ctx)}"
+            if name[:1] == "-"
+            else f"{path} takes {_takes(error.ctx)}"
+        )
+        words = list(takewhile(lambda word: word[:1] != "-", typed_line[len(path.split()) - 1 :]))
+        footage = " ".join(words[:3]) if words and words[0].casefold().endswith(FOOTAGE[:5]) else ""
+        notes = [
+            *(f"{word} is {line}" for word in words for line in _shaped(word)[:1]),
+            *(f"{word} is --against {word}" for word in words[1:] if "--against" in _options(error.ctx)),
+            *(["footage is imported first: capture-app sessions import " + footage] if footage else []),
+        ]
+        return "; ".join((f"{name} is missing", _LISTS.get(name, add), *notes))
     given, is_not, _ = text.partition(" is not ")
     if not is_not or kind.name not in _NUMBERS:
         return f"{name}: {text}"
@@ -598,14 +644,14 @@ def _in_our_words(error: click.UsageError) -> str:
     return f"{name} takes {_NUMBERS[kind.name]}{limits}, not {given}"
 
 
-def _option_for(ctx: click.Context, given: str) -> str:
-    """Return what to write for an argument that a command does not take; empty if nothing fits."""
-    params = {param.opts[0]: param for param in ctx.command.get_params(ctx)}
-    names = [name for name in params if name[:1] == "-" and params[name].type.name in _NUMBERS]
-    option = "--against" if "--against" in params else names[0] if names and given.isdecimal() else ""
-    if "text" in params:
-        return f"too many arguments: put the text in quotes, such as '... {given}'"
+def _option_for(given: str, ctx: click.Context) -> str:
+    """Return how to write an argument that a command does not take; empty if nothing fits."""
+    kinds = {param.opts[0]: param.type.name for param in ctx.command.get_params(ctx)}
     # A number is a camera where there are cameras.
-    return (
-        f"too many arguments: {given} (write {option} {given})" if option and "--camera" not in params else ""
+    numbers = (
+        [option for option, kind in kinds.items() if option[:1] == "-" and kind in _NUMBERS]
+        if given.isdecimal() and "--camera" not in kinds
+        else []
     )
+    options = ["--against"] if "--against" in kinds else numbers
+    return f"write {options[0]} {given}" if options else "put the text in quotes" if "text" in kinds else ""

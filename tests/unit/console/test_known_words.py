@@ -243,6 +243,93 @@ def test_a_first_guess_is_answered_with_what_is_meant(guess: str, capfd: pytest.
     assert (printed.out, printed.err.count("\n")) == ("", 1)
 
 
+FIRST_LINES = """
+capture-app -f v4l2 -i /dev/video0 -t 10 out.mp4 > --camera
+capture-app -i cam1.mp4 -i cam2.mp4 out.mp4 > capture-app sessions import cam1.mp4 cam2.mp4
+capture-app record -vcodec libx264 > capture-app sessions export SESSION --to mp4
+capture-app record -s 1920x1080 > capture-app node --camera SPEC,fps=N,width=W
+capture-app record --output videos > capture-app rig start --sessions DIR
+capture-app record out.mp4 > capture-app record takes --leader, --seconds
+capture-app record rtsp://192.168.1.10/stream > capture-app node --camera rtsp://192.168.1.10/stream
+capture-app record --segment 60 > capture-app record takes --leader, --seconds
+capture-app extract_frames clip.mp4 > capture-app sessions import SOURCE
+capture-app --auto-detect > capture-app cameras
+capture-app --capture-movie > capture-app record
+capture-app --capture-image-and-download > capture-app burst
+capture-app --set-config iso=200 > capture-app cameras set gain=2
+capture-app --list-ctrls > capture-app cameras controls
+capture-app diff take1 take2 > reconstruct compare SESSION --against OTHER --out DIR
+capture-app mv take1 take2 > capture-app sessions rename SESSION NAME
+capture-app commit -m words > capture-app sessions note SESSION TEXT
+capture-app restart > capture-app rig stop, then capture-app rig start
+capture-app get nodes > capture-app status
+capture-app delete session take1 > capture-app sessions trash SESSION
+capture-app connect 192.168.1.20:5555 > --leader 192.168.1.20:5555
+capture-app screenrecord --time-limit 10 > capture-app record
+capture-app rpicam-still -o test.jpg > capture-app burst
+capture-app bag record -a > capture-app record
+capture-app nerfstudio take1 > capture-app sessions export SESSION --to nerfstudio
+capture-app add_new_videos a.mp4 > capture-app sessions import SOURCE
+capture-app startRecording > capture-app record
+capture-app takePhoto > capture-app burst
+capture-app list_devices > capture-app cameras
+capture-app syncvideos a.mp4 b.mp4 > capture-app sessions import SOURCE
+capture-app start-capture > capture-app burst
+capture-app --mode timelapse > capture-app burst --interval-s S
+capture-app burst --mode timelapse > --interval-s
+capture-app burst --exposure 5 > capture-app cameras set exposure=4000
+capture-app burst --iso 400 > capture-app cameras set gain=2
+capture-app cameras set --exposure 100 > capture-app cameras set exposure=4000
+capture-app start --cameras 4 > capture-app rig start
+capture-app --cam 2 preview > capture-app preview
+capture-app /dev/video2 > capture-app node --camera v4l2:/dev/video2, or capture-app cameras
+capture-app video0 > capture-app node --camera v4l2:/dev/video0
+capture-app 1 > capture-app node --camera webcam:1
+capture-app node 1 > 1 is capture-app node --camera webcam:1
+capture-app node 192.168.1.20 > 192.168.1.20 is --leader 192.168.1.20
+capture-app *.mp4 > capture-app sessions import *.mp4 imports it, then capture-app sessions show SESSION
+capture-app sessions show clip.mp4 > footage is imported first: capture-app sessions import clip.mp4
+capture-app sessions note take1 two words > put the text in quotes
+capture-app sessions upload take1 > capture-app sessions export SESSION
+capture-app sessions frobnicate > capture-app sessions takes
+capture-app cameras rename cam1 left > capture-app node --name NAME --camera SPEC
+capture-app cameras set fps=30 > capture-app node --camera SPEC,fps=N,width=W
+capture-app снять > There are capture-app rig start, burst and record
+reconstruct ns-train splatfacto --data take1 > reconstruct splat SESSION --out DIR
+reconstruct export-to-blender take1 > capture-app sessions export SESSION
+reconstruct stereoCameraCalibrator > reconstruct calibrate SESSION
+reconstruct cameracalibrator.py --size 8x6 > reconstruct calibrate SESSION
+reconstruct analyze_videos config.yaml a.mp4 > capture-app sessions import a.mp4
+reconstruct multiview a.mp4 b.mp4 > capture-app sessions import a.mp4 b.mp4
+reconstruct multiview a.mp4 b.mp4 c.mp4 d.mp4 --out x > capture-app sessions import a.mp4 b.mp4 c.mp4 ...
+reconstruct splat take1 --max-num-iterations 30 > --iterations
+reconstruct view take1 --camera-path spiral > --path
+reconstruct calibrate take1 --rows 6 > --board
+reconstruct compare a b > b is --against b
+reconstruct compare a b --out x > write --against b
+reconstruct multiview take1 > --out is missing; add --out DIR
+""".strip().splitlines()
+
+
+@pytest.mark.parametrize("line", FIRST_LINES)
+def test_a_first_line_of_another_program_is_answered(line: str, capfd: pytest.CaptureFixture[str]) -> None:
+    typed, meant = line.split(" > ")
+    program, *words = shlex.split(typed)
+    assert RUN[program](words) in (ExitCode.USAGE, ExitCode.BAD_INPUT)
+    printed = capfd.readouterr()
+    assert meant in printed.err
+    assert (printed.out, printed.err.count("\n")) == ("", 1)
+
+
+@pytest.mark.parametrize(
+    "word", ["a" * 10_000, "aB" * 5_000, "\udc80", "/\udcff", "{}", "-", "--=", "", "(?", "\n"]
+)
+@pytest.mark.parametrize("group", [[], ["sessions"], ["sessions", "show", "x"]])
+def test_any_word_is_answered(word: str, group: list[str], capfd: pytest.CaptureFixture[str]) -> None:
+    assert run_capture_app([*group, word]) == ExitCode.USAGE
+    assert capfd.readouterr().err.startswith("capture-app: error: ")
+
+
 def test_every_answer_is_a_command_line_of_ours() -> None:
     typed = dict(every_command())
     for answers in (*_COMMANDS.values(), RESULTS):

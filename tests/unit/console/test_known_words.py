@@ -408,6 +408,24 @@ def test_a_file_or_a_format_is_answered_with_what_is_meant(
     assert said in capfd.readouterr().err
 
 
+def test_a_session_is_its_name_where_nothing_else_has_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("sessions", "take1").mkdir(parents=True)
+    Path("sessions", "take1", "session.json").write_text("no manifest")
+    for run, line in (
+        (run_capture_app, "sessions show take1"),
+        (run_capture_app, "sessions export take1 --to colmap --out out"),
+        (run_reconstruct, "calibrate take1"),
+        (run_reconstruct, "multiview take1 --out out"),
+    ):
+        assert run(line.split()) == ExitCode.BAD_INPUT
+        assert str(Path("sessions", "take1")) in capfd.readouterr().err
+    assert run_capture_app(["sessions", "trash", "take1"]) == ExitCode.OK
+    assert not Path("sessions", "take1").exists()
+
+
 def test_a_bare_name_is_answered_with_the_session_of_that_name(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:

@@ -38,10 +38,10 @@ _COMMANDS = {
         "cam-record roll clip-record",
         "capture-app record --stop": "end-recording stop-recording pause stop-record end-record stop-capture "
         "cut-recording",
-        "capture-app rig start": "start up run launch init startup boot begin go apply-rig deploy deployment "
+        "capture-app rig start": "start up run launch init startup boot begin apply-rig deploy deployment "
         "create-rig serve-start daemon",
-        "capture-app rig stop": "stop down quit kill shutdown end halt terminate teardown shut-down off "
-        "poweroff exit-rig stop-server kill-server",
+        "capture-app rig stop": "stop down quit kill shutdown end halt terminate teardown shut-down poweroff "
+        "exit-rig stop-server kill-server",
         "capture-app, without a command": "ui tui gui screen app open studio shell console interactive obs "
         "start-ui window desktop bash menu wizard interface attach-screen",
         "capture-app serve": "web browser",
@@ -53,27 +53,33 @@ _COMMANDS = {
         "capture-app cameras": "devices list-devices list-cameras webcam webcams ls-cameras scan discover "
         "sources source input inputs videoinput auto-detect autodetect detect imaqhwinfo dshow "
         "avfoundation v4l2 v4l lsusb enumerate list-sources cam cams usb usb-cameras root-hub lsdev "
-        "probe-cameras find find-cameras available input-devices hardware",
-        "capture-app cameras add SPEC": "add-camera addcamera add add-source add-device",
+        "probe-cameras find find-cameras available input-devices hardware list-ports usb-ports "
+        "list-inputs list-formats-ext framesizes frame-sizes list-framesizes list-frameintervals "
+        "sensors sensor",
+        "capture-app cameras add SPEC": "add-camera addcamera add add-source add-device add-input "
+        "create-input source-add",
         "capture-app node --camera SPEC,fps=N,width=W": "fps framerate resolution mode format size width "
-        "height frame-rate parm set-fmt-video pixel-format pixelformat",
+        "height frame-rate parm set-fmt-video pixel-format pixelformat get-fmt-video fmt pixfmt pix-fmt "
+        "camera-size r rate hz 4k 1080p 720p hd uhd rotate flip roi bitdepth pixel aspect",
         "capture-app trust pair LEADER": "pair login auth key keys register enroll enrol authorize authorise "
         "authenticate remote-add",
         "capture-app sessions list": "ls list takes library images files gallery log history lsl lsf lsd "
-        "lsjson tree sessions-list dir catalog archive-list db database show-all",
+        "lsjson tree sessions-list dir catalog archive-list db database show-all l take-list "
+        "recordings-list index",
         "capture-app sessions trash SESSION": "delete rm remove del rmi trash unlink erase destroy drop "
         "discard rmdir",
-        "capture-app sessions export SESSION": "convert to save archive copy cp backup upload download push "
+        "capture-app sessions export SESSION": "convert save archive copy cp backup upload download push "
         "extract extract-frames mux converter clone export copyto copy-to moveto save-as dump rsync scp "
         "send transfer get-file get-all-files render-video",
-        "capture-app sessions note SESSION TEXT": "tag annotate comment commit label note",
+        "capture-app sessions note SESSION TEXT": "tag annotate comment commit label note rate star favorite "
+        "favourite memo",
         "capture-app sessions export SESSION --to otio": "edl xml fcpxml timeline premiere resolve davinci "
         "nle",
         "capture-app sessions export SESSION --to mcap": "rosbag ros2bag bag ros",
         "capture-app sessions export SESSION --to mp4": "mp4 mov prores encode transcode codec vcodec crf "
         "bitrate encoder mkv avi h264 remux",
         "capture-app sessions restore SESSION": "undo undelete untrash revert restore recover-deleted "
-        "rollback",
+        "rollback reset-take undelete-take",
         "capture-app sessions import SOURCE": "ingest gopro dji multicam clips sync synchronize align load "
         "pull fetch merge concat process-data ns-process-data import-videos open-video extract-frames "
         "hstack vstack add-videos add-new-videos import pull-video download-footage add-footage "
@@ -87,14 +93,15 @@ _COMMANDS = {
         "size-of identify",
         "capture-app sessions verify SESSION": "check verify validate fsck cryptcheck checksum md5sum sha256 "
         "hashsum integrity",
-        "capture-app sessions wiggle SESSION": "play wiggle",
+        "capture-app sessions wiggle SESSION": "play wiggle gif animate animation boomerang loop",
         "capture-app sessions empty-trash": "purge clean empty-trash prune",
         "capture-app status": "sync-check sync-status test-sync sync-test nodes info stats state health sync "
         "synchronize genlock jam jam-sync accuracy clock latency dropped drops top ping pods "
         "node-status cluster cluster-info topic topics heartbeat echo hz state-of ready readiness "
         "sync-state drift jitter bandwidth monitor-status get-state health-check healthcheck",
         "capture-app doctor": "check diagnose test disk space storage du firewall network wifi troubleshoot "
-        "debug self-test selftest lint env environment system-info sysinfo about-system check-install",
+        "debug self-test selftest lint env environment system-info sysinfo about-system check-install "
+        "battery temperature power usage gpu cpu memory permissions driver drivers ncdu df",
         "capture-app, by the line that installed it (docs/install.md)": "update upgrade install",
         "capture-app, by make uninstall or pip uninstall simulshot": "uninstall",
         "capture-app phones": "phone mobile android ios qr join-qr pair-qr iphone ipad smartphone tablet apk "
@@ -104,23 +111,25 @@ _COMMANDS = {
         "broadcast-start",
         "capture-app --version": "version",
         "capture-app --help": "help man manual usage commands docs documentation explain",
-        "capture-app people": "osc vmc live-people livemocap live-mocap avatar vtuber",
+        "capture-app people": "osc vmc live-people livemocap live-mocap avatar vtuber live-pose "
+        "realtime-mocap",
         "reconstruct calibrate SESSION": "calibrate calibration calib intrinsics extrinsics lens lenses "
         "calibrator camera-calibration camera-calibrator undistort chessboard-calibrate "
         "calibrate-camera calibrate-intrinsics stereo-calibrate poses-calibrate wand",
         "reconstruct, a command of its own": "reconstruct",
         "reconstruct multiview SESSION --out DIR": "photogrammetry depth depthmap depth-map mesh pointcloud "
         "3d multiview sfm mvs volumetric ply scan obj model dense build reconstruct-3d point-clouds "
-        "dense-cloud tsdf nerf-to-mesh",
+        "dense-cloud tsdf nerf-to-mesh colmap-dense reconstruct-mesh voxel voxels kinect rgbd tof",
         "reconstruct stereo SESSION --out DIR": "stereo disparity",
         "reconstruct splat SESSION --out DIR": "splat splats gsplat gaussians gaussian-splat "
-        "gaussian-splatting train 3dgs",
+        "gaussian-splatting train 3dgs nerf nerfacto splatfacto",
         "reconstruct trajectory SESSION --out DIR": "track trajectory tracking track-object ball track-ball "
         "object-tracking",
         "reconstruct panorama SESSION --out DIR": "panorama stitch pano 360",
         "reconstruct people SESSION --out DIR": "gait angles pose2d pose3d markerless pose poses skeleton "
         "mocap joints keypoints triangulate c3d bvh trc blender freemocap mediapipe openpose opencap "
-        "deeplabcut dlc fbx motion-capture body-tracking estimate-pose track-people skeletons",
+        "deeplabcut dlc fbx motion-capture body-tracking estimate-pose track-people skeletons smpl face "
+        "hands hand animal animals keypoint label label-videos pose-2d",
         "reconstruct movers SESSION --out DIR": "matte mattes mask masks movers greenscreen green-screen "
         "chroma-key background background-removal segment",
         "reconstruct compare SESSION --out DIR": "compare evaluate report",
@@ -131,69 +140,87 @@ _COMMANDS = {
         "freeze freeze-frame visualize visualise plot rviz novel-view",
         "reconstruct view SESSION --page --out DIR": "share publish viewer",
         "capture-app burst --before N": "replay replay-buffer instant-replay retroactive pre-roll preroll",
-        "capture-app burst --wait-s S": "wait wait-for wait-for-device countdown self-timer timer delay",
+        "capture-app burst --wait-s S": "wait wait-for wait-for-device countdown self-timer timer",
         "capture-app rig stop, then capture-app rig start": "restart reboot rollout reset reload",
-        "capture-app rig stagger ORDER": "stagger",
+        "capture-app rig stagger ORDER": "stagger offset-cameras interleave phase trigger-delay",
         "capture-app node --camera SPEC,sound=own": "sound audio mic microphone mute",
-        "capture-app node --name NAME --camera SPEC": "rename-camera camera-name set-name alias",
+        "capture-app node --name NAME --camera SPEC": "rename-camera camera-name set-name alias label-node "
+        "label-nodes label-pods rename-node",
         "capture-app leader --port PORT": "port ports tcpip",
         "capture-app cameras controls": "ctrl ctrls list-ctrls get-ctrl list-config get-config list-controls "
-        "capabilities abilities caps list-formats formats controls",
+        "capabilities abilities caps controls",
         "capture-app cameras match CAMERA": "match match-cameras",
         "capture-app cameras characterize SPEC": "characterize benchmark",
-        "capture-app cameras calibrate-time": "calibrate-time",
+        "capture-app cameras calibrate-time": "calibrate-time delay delays lag measure-delay measure-latency",
         "capture-app cameras set exposure=4000, in µs": "exposure exposure-time exposure-absolute "
         "exposure-us shutter shutter-speed auto-exposure ae ev shutterspeed exposure-compensation "
         "aperture brightness",
         "capture-app cameras set gain=2": "gain iso analogue-gain gain-db isospeed analog-gain",
-        "capture-app cameras set focus=auto": "focus autofocus auto-focus af focus-absolute",
+        "capture-app cameras set focus=auto": "focus autofocus auto-focus af focus-absolute zoom lens-focus",
         "capture-app cameras set white-balance=5000, in kelvin": "white-balance whitebalance wb awb "
-        "color-temperature auto-white-balance",
+        "color-temperature auto-white-balance colour color tint kelvin temperature-color saturation hue",
         "capture-app cameras set --profile FILE": "profile preset presets apply",
         "capture-app sessions import SOURCE --start N --count N": "trim cut crop clip",
         "capture-app sessions rename SESSION NAME": "mv rename move",
-        "capture-app sessions repair SESSION": "repair recover resume salvage",
+        "capture-app sessions repair SESSION": "repair recover resume salvage reindex rebuild fix finalize",
         "capture-app trust list": "trusted remotes known-hosts",
-        "capture-app trust invite": "invite",
+        "capture-app trust invite": "invite code token pin password otp",
         "capture-app trust remove MACHINE": "revoke forget untrust",
         "reconstruct compare SESSION --against OTHER --out DIR": "diff",
         "capture-app sessions schema": "schema",
-        "capture-app cameras show NAME": "show camera-info get-camera device-info",
+        "capture-app cameras show NAME": "show camera-info get-camera device-info serial serialno "
+        "get-serialno",
         "capture-app cameras list": "list",
         "capture-app cameras set CONTROL=VALUE, such as exposure=4000": "settings config controls set "
         "set-config set-ctrl param params property properties edit patch configure configuration adjust "
         "tune option options parameters",
-        "capture-app preview CAMERA": "capture-preview preview-window",
+        "capture-app preview CAMERA": "capture-preview preview-window image-view imageview",
         "capture-app relay LEADER": "repeater bridge proxy forward tunnel",
         "capture-app leader --lsl": "lab-streaming-layer",
         "capture-app mark TEXT": "marker event-marker bookmark",
         "capture-app refclock": "chrony ntp ptp",
         "capture-app cameras remove NAME": "kick eject disconnect drain detach unplug remove rm delete stop "
-        "kill release-camera",
+        "kill release-camera hide-source remove-source cordon evict delete-node remove-node",
+        "capture-app burst --repeat N": "repeat replicas series hdr bracket bracketing sequence",
+        "capture-app doctor --report FILE": "bugreport bug-report report-bug support-bundle bug",
+        "capture-app rig start --camera SPEC": "scale scene add-scene multi multicamera multi-camera",
+        "capture-app sessions export SESSION --to rrd": "rerun",
+        "capture-app sessions export SESSION --to splats": "postshot",
+        "capture-app panel read SESSION": "timecode-read read-panel",
+        "capture-app coverage": "coverage-map board-coverage live-calibration",
+        "capture-app record --fps N": "slow-motion slowmo slow-mo high-speed highspeed hfr",
+        "capture-app record --seconds S": "seconds minutes duration length",
     },
     "capture-app sessions": {
         "capture-app sessions trash SESSION": "delete rm remove del purge",
         "capture-app sessions list": "ls dir",
-        "capture-app sessions show SESSION": "info inspect describe open details metadata size du",
+        "capture-app sessions show SESSION": "info inspect describe open details metadata size du stat stats "
+        "cat status",
         "capture-app sessions rename SESSION NAME": "mv move name label",
         "capture-app sessions verify SESSION": "check validate fsck",
         "capture-app sessions repair SESSION": "fix recover resume",
         "capture-app sessions export SESSION": "convert save to copy cp upload backup download share push",
-        "capture-app sessions import SOURCE": "add load read from",
-        "capture-app sessions note SESSION TEXT": "annotate comment tag",
+        "capture-app sessions import SOURCE": "add load read from merge combine concat new-from pull",
+        "capture-app sessions note SESSION TEXT": "annotate comment tag rate star edit describe-as",
         "capture-app sessions restore SESSION": "undelete undo untrash",
-        "capture-app sessions sheet SESSION": "contact-sheet thumbnails preview",
-        "capture-app sessions wiggle SESSION": "play view gif animate",
+        "capture-app sessions sheet SESSION": "contact-sheet thumbnails preview grid index",
+        "capture-app sessions wiggle SESSION": "play view gif animate preview-video watch",
         "capture-app sessions empty-trash": "clean prune empty",
         "reconstruct time SESSION": "sync synchronize align time offset",
         "reconstruct view SESSION --out DIR": "render",
+        "reconstruct calibrate SESSION": "calibrate",
+        "reconstruct multiview SESSION --out DIR": "reconstruct process",
+        "capture-app burst --name NAME, or record --name NAME": "new create start init",
+        "capture-app doctor": "disk",
     },
     "reconstruct": {
         "reconstruct multiview SESSION --out DIR": "photogrammetry depth depthmap dense mvs pointcloud "
         "point-cloud cloud fusion 3d volumetric scan obj model patch-match-stereo stereo-fusion "
         "automatic-reconstructor delaunay-mesher reconstruct reconstruction rebuild tsdf voxel build "
         "run pipeline run-pipeline start create make texture texturer mesh-texturer texrecon meshing "
-        "meshroom odm mvsnet cloudcompare dust3r vggt 3d-model",
+        "meshroom odm mvsnet cloudcompare dust3r vggt 3d-model pcshow pcd openmvs reconstruction-3d "
+        "dense-reconstruction fuse fused tsdf-fusion poisson-recon depth-fusion depthanything midas "
+        "scene",
         "reconstruct multiview SESSION --mesh --out DIR": "mesh poisson mesher poisson-mesher",
         "reconstruct stereo SESSION --out DIR": "disparity sgbm pair rectify stereo-image-proc bm depth-pair "
         "stereo-match",
@@ -206,15 +233,20 @@ _COMMANDS = {
         "camera-calibration undistort solve slam camera-solve camera-track matchmove estimate "
         "parameters bundle adjuster rig-bundle-adjuster calibrate-intrinsics calibrate-extrinsics "
         "calibrate-camera intrinsic extrinsic vocab-tree-matcher analyzer model-analyzer register "
-        "image-registrator align-cameras poses-calibrate stereo-calibrate transform scale-model",
+        "image-registrator align-cameras poses-calibrate stereo-calibrate transform scale-model hloc "
+        "superglue glomap detect detect-board detect-markers aruco reprojection reprojection-error "
+        "residuals color-extractor spatial rig sift features matching matches keypoints-match "
+        "camera-model camera-params essential fundamental homography pnp solvepnp",
         "reconstruct splat SESSION --out DIR": "splats gsplat gaussian gaussians gaussian-splat "
         "gaussian-splatting splatfacto train 3dgs nerf nerfacto ngp instant-ngp gs gsplats "
-        "radiance-field fit optimize optimise neus",
+        "radiance-field fit optimize optimise neus gsplat-train supersplat brush postshot 3d-gaussians "
+        "mip-nerf zipnerf tensorf",
         "reconstruct panorama SESSION --out DIR": "stitch pano stitching 360 equirectangular mosaic stitcher "
         "180",
         "reconstruct view SESSION --out DIR": "orbit flythrough walk play render novel-view bullet-time "
         "bullettime wiggle viewer visualize visualise visualization rviz viz plot display rendering "
-        "blend blender animate animation render-video turntable interpolate slerp fly",
+        "blend blender animate animation render-video turntable interpolate slerp fly viser render-anim "
+        "render-output open3d meshlab gif film movie mp4 webp",
         "reconstruct time SESSION": "sync synchronize align offset offsets synchronise time-sync genlock "
         "audio-sync",
         "reconstruct people SESSION --out DIR": "gait angles pose2d pose3d markerless pose skeleton mocap "
@@ -222,21 +254,24 @@ _COMMANDS = {
         "openpose opencap anipose deeplabcut dlc fbx label labeled label-3d filter filter-3d "
         "filterpredictions analyze analyse predict inference smpl smooth process process-recording "
         "process-session project-2d reproject estimate-pose pose-estimation estimate track-people lift "
-        "lift-3d dance walk-cycle retarget rig-animation vicon opensim bodies person humans kinematics",
+        "lift-3d dance walk-cycle retarget rig-animation vicon opensim bodies person humans kinematics "
+        "detections detection create-video-with-all-detections label-2d pose-2d triangulate-3d "
+        "inverse-kinematics ik gait-analysis yolo rtmpose vitpose hrnet alphapose sleap smplx",
         "reconstruct movers SESSION --out DIR": "matte mattes mask masks segment rotoscope greenscreen "
         "green-screen background background-removal foreground matting segmentation remove-background "
-        "roto",
+        "roto sam mask-out silhouettes silhouette",
         "reconstruct trajectory SESSION --out DIR": "track ball path tracking tracker camera-tracker object "
         "track-object motion",
         "reconstruct compare SESSION --out DIR": "evaluate eval quality report summarize summary psnr ssim "
-        "benchmark benchmarks metrics validate score stats check verify",
+        "benchmark benchmarks metrics validate score stats check verify error errors quality-check "
+        "accuracy",
         "reconstruct board FILE": "make-board print-board charuco chessboard checkerboard",
         "reconstruct batch SESSIONS": "jobs slurm",
         "capture-app sessions import SOURCE": "import images photos pictures image-path process-data "
         "ns-process-data convert-videos load ingest data input extract-frames folder footage clips "
         "add-videos add-new-videos download download-data dataset project new-project init open add",
         "capture-app sessions export SESSION": "export convert converter model-converter ns-export save "
-        "extract-frames output to",
+        "extract-frames output",
         "capture-app sessions list": "list ls sessions",
         "capture-app sessions show SESSION": "show info describe inspect",
         "capture-app burst": "capture shoot burst",
@@ -248,15 +283,17 @@ _COMMANDS = {
         "capture-app, without a command": "gui ui tui start-ui visualizer-app",
         "capture-app panel show": "timecode",
         "reconstruct compare SESSION --against OTHER --out DIR": "diff",
-        "capture-app doctor": "doctor test",
+        "capture-app doctor": "doctor test gpu cuda check-install bugreport",
         "capture-app status": "status",
         "capture-app demo": "demo example simulate",
+        "capture-app sessions repair SESSION": "repair recover",
+        "reconstruct batch SESSIONS --out DIR": "queue submit sbatch cluster",
     },
     "capture-app cameras": {
         "capture-app cameras list": "ls devices scan discover find",
         "capture-app cameras show NAME": "info get inspect",
-        "capture-app cameras remove NAME": "rm delete del disconnect",
-        "capture-app cameras add SPEC": "open connect new attach",
+        "capture-app cameras remove NAME": "rm delete del disconnect stop disable close off eject kick",
+        "capture-app cameras add SPEC": "open connect new attach start run enable on",
         "capture-app cameras controls": "list-formats formats list-controls ctrls",
         "capture-app cameras set CONTROL=VALUE, such as exposure=4000": "config settings control",
         "capture-app cameras set exposure=4000, in µs": "exposure shutter",
@@ -265,24 +302,35 @@ _COMMANDS = {
         "capture-app node --name NAME --camera SPEC": "rename name label",
         "capture-app preview CAMERA": "preview view look",
         "capture-app doctor": "test check",
+        "capture-app cameras characterize SPEC": "measure benchmark profile-camera",
+        "capture-app cameras set white-balance=5000, in kelvin": "white-balance wb awb",
+        "capture-app node --camera SPEC,fps=N,width=W": "fps framerate resolution size mode format width "
+        "height",
+        "capture-app status": "sync status state",
+        "capture-app cameras calibrate-time": "delay latency offset",
     },
     "capture-app rig": {
         "capture-app rig stop": "down kill quit end",
         "capture-app record": "record video film rec",
         "capture-app burst": "burst capture shoot take photo",
-        "capture-app rig start": "up run launch new",
-        "capture-app status": "status state",
-        "capture-app rig list": "ls ps show",
+        "capture-app rig start": "up run launch new create init",
+        "capture-app status": "status state info sync check nodes show",
+        "capture-app rig list": "ls ps show status-all",
         "capture-app cameras add SPEC, or capture-app node on another machine": "add connect",
         "capture-app cameras remove NAME": "remove",
         "capture-app rig stop, then capture-app rig start": "restart reset reboot",
         "capture-app preview CAMERA": "preview",
+        "capture-app sessions list": "sessions takes",
+        "capture-app cameras": "cameras devices",
+        "capture-app monitor": "view watch monitor live",
+        "capture-app cameras set CONTROL=VALUE, such as exposure=4000": "set config settings",
+        "reconstruct calibrate SESSION": "calibrate",
     },
     "capture-app trust": {
-        "capture-app trust list": "ls show",
-        "capture-app trust pair LEADER": "join connect login",
+        "capture-app trust list": "ls show status info",
+        "capture-app trust pair LEADER": "join connect login accept approve add-machine connect-to",
         "capture-app trust remove MACHINE": "rm delete del revoke forget",
-        "capture-app trust invite": "code qr new",
+        "capture-app trust invite": "code qr new create generate share",
     },
 }
 """Command lines by the group that was typed, with the words that mean them."""
@@ -324,26 +372,29 @@ _ACTIONS = {
 }
 """Actions of the screen that are not commands, written as if they were, with other words for them."""
 _OPTIONS = {
-    "--frames": "count n num number num-frames shots burst images vframes",
+    "--frames": "count n num number num-frames shots burst images vframes F number-of-frames limit",
     "--count": "n num frames number max-frames vframes",
-    "--out": "output o out-dir output-dir output-path dir dest destination outfile workspace-path to",
+    "--out": "output o out-dir output-dir output-path dir dest destination outfile workspace-path to "
+    "export-dir save save-path write-to output-file",
     "--to": "format f type output-format as",
-    "--seconds": "duration t time length for hours minutes time-limit timeout seconds-long duration-s",
-    "--interval-s": "interval timelapse",
-    "--fps": "rate framerate frame-rate r hz",
-    "--camera": "device source src input i cam spec cameras d dev device-id index",
-    "--leader": "server host address ip connect url",
-    "--sessions": "dir folder out output data output-dir",
-    "--name": "label title tag n",
-    "--json": "output-json as-json machine",
-    "--port": "p listen",
+    "--seconds": "duration t time length for hours minutes time-limit timeout seconds-long duration-s "
+    "timeout-s stop-after record-time",
+    "--interval-s": "interval timelapse I",
+    "--fps": "rate framerate frame-rate r hz video-fps capture-rate",
+    "--camera": "device source src input i cam spec cameras d dev device-id index c cameras-list "
+    "input-device video",
+    "--leader": "server host address ip connect url leader-address master hub remote h",
+    "--sessions": "dir folder out output data output-dir save-dir storage path",
+    "--name": "label title tag n O session take filename prefix file-name",
+    "--json": "output-json as-json machine o-json pretty raw",
+    "--port": "p listen listen-port tcp-port",
     "--host": "bind address ip listen",
-    "--instant": "frame frames index at time",
+    "--instant": "frame frames index at time timestamp frame-index start",
     "--instants": "frames range",
-    "--width": "size resolution scale res",
+    "--width": "size resolution scale res max-size image-size size-px downscale",
     "--cameras": "count n num devices",
     "--simulated": "fake sim dummy",
-    "--replace": "overwrite force f y",
+    "--replace": "overwrite force f y overwrite-output",
     "--yes": "y force",
     "--jobs": "j threads workers parallel num-workers",
     "--from": "method mode using",
@@ -353,7 +404,7 @@ _OPTIONS = {
     "--stop": "end finish",
     "--detach": "d background daemon",
     "--min-nodes": "min-cameras nodes cameras",
-    "--quick": "fast preview draft quality",
+    "--quick": "fast preview draft quality low draft-mode",
     "--mesh": "poisson glb gltf obj",
     "--iterations": "steps iters max-iterations",
     "--verbose": "debug trace log-level",
@@ -372,12 +423,15 @@ _OPTIONS = {
 }
 """Options, each with other programs' words for it, without hyphens; the first that a command has wins."""
 _SIMULATED = {"--camera sim:phone-a": "simulated simulate sim simulation fake dummy virtual"}
-_FOLDER = {"capture-app rig start --sessions DIR": "o out output output-dir outdir dir folder path dest"}
+_OF_A_RIG = {
+    "capture-app rig start --sessions DIR": "o out output output-dir outdir dir folder path dest",
+    "capture-app rig start --camera SPEC": "i camera cameras cam device source src input",
+}
 _OPTIONS_OF = {
-    "capture-app burst": _FOLDER,
+    "capture-app burst": {**_OF_A_RIG, "--frames": "duration length seconds t time"},
     "capture-app record": {
         "capture-app sessions export SESSION --to mp4": "f format codec vcodec crf bitrate container preset",
-        **_FOLDER,
+        **_OF_A_RIG,
     },
     "capture-app leader": {"--host": "ip bind address listen"},
     "reconstruct board": {"--board": "size rows cols columns grid squares pattern"},
@@ -403,7 +457,7 @@ _SHAPES = {
     r"video\d+": "capture-app node --camera v4l2:/dev/{}, or capture-app cameras",
     r"\d": "capture-app node --camera webcam:{}, or capture-app cameras",
     r"(?:rtsps?://|(?:v4l2|webcam|sim|libcamera|aravis|replay):).+": "capture-app node --camera {}",
-    r"\d+(?:\.\d+){3}(?::\d+)?": "--leader {}",
+    r"\d+(?:\.\d+){3}(?::\d+)?": "--leader {0}, or capture-app trust pair {0}",
     r"\d{3,5}x\d{3,5}": "capture-app node --camera SPEC,fps=N,width=W",
 }
 """What a word means by its shape: a camera, the address of a leader, or a size."""
@@ -466,17 +520,19 @@ class _Tables:
     def lines_of_parts(self, word: str) -> list[str]:
         """Return what the parts of a compound mean, such as `take-photo`, `takePhoto` or `takephoto`."""
         word = "" if {".", "/"} & {*word} else word[:_MAX_LETTERS]
-        parts: Sequence[str] = re.findall("[0-9]*[A-Z]?[a-z][a-z0-9]*|[A-Z]+(?![a-z])", word)
-        if len(parts) == 1:
-            cuts = ((word[:at], word[at:]) for at in range(3, len(word) - 2))
-            parts = next((cut for cut in cuts if all(map(self.lines, cut))), ())
+        parts: list[str] = []
+        for part in re.findall("[0-9]*[A-Z]?[a-z][a-z0-9]*|[A-Z]+(?![a-z])", word):
+            cuts = ([part[:at], part[at:]] for at in range(3, len(part) - 2))
+            parts += next((cut for cut in ([part], *cuts) if all(map(self.lines, cut))), [])
         strong = [line for part in parts if _plain(part) not in _WEAK for line in self.lines(part)]
         return strong or [line for part in parts for line in self.lines(part)]
 
 
 def _plain(word: str) -> str:
     """Return a word as it is looked up: without a value, hyphens, capitals and the plural's ending."""
-    return re.sub(r"(?<=...)s\Z", "", re.sub("[-_]", "", word.partition("=")[0].casefold()))
+    # One letter means two things, as gphoto2's -i and -I.
+    plain = re.sub("[-_]", "", word.partition("=")[0])
+    return re.sub(r"(?<=...)s\Z", "", plain.casefold()) if len(plain) > 1 else plain
 
 
 def _shaped(word: str) -> list[str]:
@@ -531,14 +587,15 @@ def advise(error: click.UsageError, typed_line: Sequence[str] = ()) -> str:
     # What was typed is not an answer.
     shown = [
         line
-        for line in dict.fromkeys((*meant[: 1 if beside else 2], *beside))
+        for line in dict.fromkeys((*meant[:2], *beside))
         if line not in words and re.sub(" [A-Z].*", "", line) != path
-    ][:2]
+    ][:3]
     answer = f"{unknown}: it is {', or '.join(shown)}" if shown else unknown
     if footage and " import" not in answer + path and not (*shown, path)[0].startswith(_SOURCES):
         return f"{answer}; footage is imported first: capture-app sessions import {footage}"
-    more = OVERVIEW if error.ctx.parent is None else f"; {path} takes {_takes(error.ctx)}"
-    return answer if shown and (sure or names) else answer + more
+    if shown and (sure or names):
+        return answer
+    return answer + (OVERVIEW if error.ctx.parent is None else f"; {path} takes {_takes(error.ctx)}")
 
 
 def _unknown(error: click.UsageError, extra: str, typed_line: Sequence[str]) -> tuple[str, str]:
@@ -598,7 +655,7 @@ def _at_place(error: click.UsageError, ctx: click.Context, footage: str) -> str:
         )
     for place in (Path(word), Path("sessions", word)):
         if word and os.path.isfile(place / "session.json"):  # noqa: PTH113 - no word makes it raise
-            return f"'{word}' is a session; the command comes first: {then} {place}"
+            return f"'{word}' is a session; the command comes first: {then} {place}{OVERVIEW}"
     if "/" in word and not (_shaped(word) or os.path.lexists(word)):
         return f"there is nothing at {word}; the command comes first{OVERVIEW}"
     if word.strip("./") and not _shaped(word) and os.path.isdir(word):  # noqa: PTH112 - the same

@@ -65,8 +65,6 @@ class LazyGroup(RuledCommand, click.Group):
         elif cmd_name in self.list_commands(ctx):
             command = load_plugin(PLUGIN_COMMANDS, cmd_name, "get_short_help_str")
         else:
-            if cmd_name in importlib.import_module("capture_app.commands.sessions").sessions.commands:
-                raise click.UsageError(f"No such command '{cmd_name}': it is capture-app sessions {cmd_name}")
             return None
         assert isinstance(command, click.Command)
         return add_verbosity(command)

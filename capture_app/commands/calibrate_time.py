@@ -13,7 +13,7 @@ from capture_app.common.errors import IncompleteError, NotApplicableError
 from capture_app.common.plugins import load_plugin, load_plugins, plugin_names
 from capture_app.common.templates import render_rows
 from capture_app.console.option_rules import Rule, RuledCommand
-from capture_app.console.terminal import answer, json_option, table, talk
+from capture_app.console.terminal import SESSION, answer, json_option, table, talk
 from capture_app.console.usage import examples
 
 if TYPE_CHECKING:
@@ -61,7 +61,7 @@ def _by_plugins(command: F) -> F:
 @click.option(
     "--session",
     "folder",
-    type=click.Path(path_type=Path),
+    type=SESSION,
     metavar="SESSION",
     help="Use this session of the running cameras instead of a new take.",
 )

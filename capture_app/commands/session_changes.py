@@ -13,6 +13,7 @@ from capture_app.common.templates import render_lines
 from capture_app.common.text import count
 from capture_app.console.option_rules import Rule, RuledCommand
 from capture_app.console.terminal import (
+    SESSION,
     FiniteRange,
     answer,
     json_option,
@@ -38,7 +39,7 @@ from capture_app.session.reading.take_sheet import TakeSheet
 
 
 @click.command(epilog=examples("capture-app sessions rename sessions/burst-001 jump"))
-@click.argument("session", type=ANY_PATH)
+@click.argument("session", type=SESSION)
 @click.argument("name")
 @json_option
 def rename(session: Path, name: str, as_json: bool) -> None:
@@ -48,7 +49,7 @@ def rename(session: Path, name: str, as_json: bool) -> None:
 
 
 @click.command(epilog=examples("capture-app sessions note sessions/burst-001 'second try, with wind'"))
-@click.argument("session", type=ANY_PATH)
+@click.argument("session", type=SESSION)
 @click.argument("text")
 @json_option
 def note(session: Path, text: str, as_json: bool) -> None:
@@ -58,7 +59,7 @@ def note(session: Path, text: str, as_json: bool) -> None:
 
 
 @click.command(epilog=examples("capture-app sessions trash sessions/burst-001"))
-@click.argument("paths", metavar="SESSION...", type=ANY_PATH, nargs=-1, required=True)
+@click.argument("paths", metavar="SESSION...", type=SESSION, nargs=-1, required=True)
 @json_option
 def trash(paths: tuple[Path, ...], as_json: bool) -> None:
     """Move sessions and their results to the trash beside them, from which `restore` restores them."""
@@ -124,7 +125,7 @@ def empty(root: Path, yes: bool, as_json: bool) -> None:
         "capture-app sessions repair sessions/burst-001", "capture-app sessions repair sessions --wait-s 0"
     ),
 )
-@click.argument("path", metavar="SESSION|ROOT", type=ANY_PATH)
+@click.argument("path", metavar="SESSION|ROOT", type=SESSION)
 @click.option(
     "--wait-s",
     type=FiniteRange(min=0),
@@ -168,7 +169,7 @@ _replace_option = click.option("--replace", is_flag=True, help="Replace an earli
 
 
 @click.command(epilog=examples("capture-app sessions sheet sessions/burst-001 --out sheet.jpg"))
-@click.argument("session", type=ANY_PATH)
+@click.argument("session", type=SESSION)
 @click.option("--out", type=ANY_PATH, metavar="FILE", required=True, help="Picture to write: .jpg or .png.")
 @click.option(
     "--width",
@@ -211,7 +212,7 @@ def sheet(session: Path, out: Path, width: int, replace: bool, as_json: bool) ->
 
 
 @click.command(epilog=examples("capture-app sessions wiggle sessions/burst-001 --out wiggle.gif"))
-@click.argument("session", type=ANY_PATH)
+@click.argument("session", type=SESSION)
 @click.option(
     "--out", type=ANY_PATH, metavar="FILE", required=True, help="Animation to write: .gif or .webp."
 )

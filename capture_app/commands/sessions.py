@@ -20,7 +20,7 @@ from capture_app.commands.session_text import list_entry, list_lines, session_li
 from capture_app.commands.shared_options import ANY_PATH
 from capture_app.common.errors import BadInputError, IncompleteError, SimulshotError
 from capture_app.common.plugins import SESSION_COMMANDS, load_plugins
-from capture_app.console.terminal import answer, json_option, print_json, print_line, talk
+from capture_app.console.terminal import SESSION, answer, json_option, print_json, print_line, talk
 from capture_app.console.usage import examples
 from capture_app.session.files.output_folder import unfinished_outputs
 from capture_app.session.format.manifest import session_schema_text
@@ -68,7 +68,7 @@ def list_command(root: Path | None, trashed: bool, as_json: bool) -> None:
 
 
 @sessions.command(epilog=examples("capture-app sessions show sessions/burst-001"))
-@click.argument("session", type=ANY_PATH)
+@click.argument("session", type=SESSION)
 @json_option
 def show(session: Path, as_json: bool) -> None:
     """Show the cameras of a session and their synchronization."""
@@ -82,7 +82,7 @@ def show(session: Path, as_json: bool) -> None:
 
 
 @sessions.command(epilog=examples("capture-app sessions verify sessions/burst-001 sessions/burst-002"))
-@click.argument("paths", metavar="SESSION...", type=ANY_PATH, nargs=-1, required=True)
+@click.argument("paths", metavar="SESSION...", type=SESSION, nargs=-1, required=True)
 @json_option
 def verify(paths: tuple[Path, ...], as_json: bool) -> None:
     """Verify the integrity and internal consistency of sessions; fails if one has problems."""

@@ -242,7 +242,8 @@ def parse_settings(texts: Iterable[str]) -> dict[Control, ControlValue]:
             raise BadInputError(
                 f"no control {name!r}",
                 hint=f"write CONTROL=VALUE, with one of {', '.join(Control)}; ISO is gain, and a shutter of "
-                "1/125 s is exposure=8000",
+                "1/125 s is exposure=8000; frame rate and size are of the camera's start: "
+                "capture-app node --camera SPEC,fps=N,width=W",
             )
         try:
             settings[Control(name)] = convert(value, ControlValue, strict=False)

@@ -21,6 +21,9 @@ _NO_LABEL = re.compile(r"[\x00-\x1f\x7f-\x9f=/\\]+")
 _RESERVED = re.compile(r"^(con|prn|aux|nul|com\d|lpt\d)(?=\.|$)", re.IGNORECASE)
 """Windows' devices: a folder cannot have their names, whatever follows a dot, and none may end with a dot."""
 
+FOOTAGE = (".mp4", ".mov", ".mkv", ".avi", ".mts", ".jpg", ".jpeg", ".png", ".tif", ".tiff")
+"""Endings of the names of files that people take for a session, or for a command."""
+
 Name = Annotated[str, Meta(pattern=rf"^{_PATTERN}$(?!\n)")]
 """Type of a name in messages and records. Python's `$` alone would accept a line end after it."""
 

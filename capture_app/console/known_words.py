@@ -7,10 +7,12 @@ import os
 import re
 from collections.abc import Mapping, Sequence
 from difflib import get_close_matches
-from itertools import pairwise
+from itertools import pairwise, takewhile
 from pathlib import Path
 
 import click
+
+from capture_app.common.names import FOOTAGE
 
 OVERVIEW = (
     ". There are capture-app rig start, burst and record; capture-app sessions import FOLDER, list, show, "
@@ -19,145 +21,316 @@ OVERVIEW = (
 """What the answer to an unknown command shows."""
 _COMMANDS = {
     "capture-app": {
+        "capture-app rig list": "ps rigs log logs logcat container containers process processes events "
+        "journal dmesg",
         "capture-app burst": "capture shoot take snap photo picture snapshot shot trigger frames grab arm "
-        "fire",
-        "capture-app burst --name NAME, or record --name NAME": "new create create-session new-session",
+        "fire still stills getsnapshot imwrite screencap release photograph screenshot capture-image "
+        "capture-photo capture-still capture-frame capture-frames jpeg jpg raw shots bulb photos "
+        "capture-pictures selfie click pic pics snap-photo expose",
+        "capture-app burst --name NAME, or record --name NAME": "new create create-session new-session "
+        "project branch new-take",
         "capture-app burst --interval-s S": "timelapse time-lapse interval intervalometer shoot-interval "
         "capture-interval",
-        "capture-app burst --on-motion": "motion motion-detection watch-trigger",
-        "capture-app record": "video film movie rec recording grab-video capture-video",
-        "capture-app record --stop": "end-recording stop-recording",
-        "capture-app rig start": "start up run launch",
-        "capture-app rig stop": "stop down quit kill shutdown end",
-        "capture-app, without a command": "ui tui gui screen app open",
+        "capture-app burst --on-motion": "motion motion-detection watch-trigger wait-event event pir "
+        "motion-trigger",
+        "capture-app record": "video film movie rec recording grab-video capture-video vid vids screenrecord "
+        "screencast camcorder videowriter video-writer capture-movie capture-film recorder rec-video "
+        "cam-record roll clip-record",
+        "capture-app record --stop": "end-recording stop-recording pause stop-record end-record stop-capture "
+        "cut-recording",
+        "capture-app rig start": "start up run launch init startup boot begin apply-rig deploy deployment "
+        "create-rig serve-start daemon",
+        "capture-app rig stop": "stop down quit kill shutdown end halt terminate teardown shut-down poweroff "
+        "exit-rig stop-server kill-server",
+        "capture-app, without a command": "ui tui gui screen app open studio shell console interactive obs "
+        "start-ui window desktop bash menu wizard interface attach-screen",
         "capture-app serve": "web browser",
-        "capture-app leader": "server master host main controller serve-rig",
-        "capture-app node --camera SPEC": "client slave join connect worker agent attach",
-        "capture-app cameras": "devices list-devices list-cameras webcam webcams ls-cameras scan discover",
-        "capture-app cameras add SPEC": "add-camera addcamera",
-        "capture-app cameras set CONTROL=VALUE": "exposure gain focus settings config controls set shutter "
-        "iso white-balance whitebalance wb",
-        "capture-app cameras remove NAME": "kick eject",
-        "capture-app node --camera SPEC,fps=N,width=W": "fps framerate resolution mode format",
-        "capture-app trust pair LEADER": "pair login auth key keys",
-        "capture-app sessions list": "ls list takes library history",
-        "capture-app sessions trash SESSION": "delete rm remove del",
-        "capture-app sessions export SESSION": "convert to save archive",
-        "capture-app sessions note SESSION TEXT": "tag annotate comment",
+        "capture-app leader": "server master host main controller serve-rig hub coordinator primary "
+        "sync-server master-clock controller-start",
+        "capture-app node --camera SPEC": "client slave join connect worker agent attach tether tethered "
+        "videocapture videostream video-stream capture-device listen subscribe add-node join-rig "
+        "connect-to daemon-node agent-start",
+        "capture-app cameras": "devices list-devices list-cameras webcam webcams ls-cameras scan discover "
+        "sources source input inputs videoinput auto-detect autodetect detect imaqhwinfo dshow "
+        "avfoundation v4l2 v4l lsusb enumerate list-sources cam cams usb usb-cameras root-hub lsdev "
+        "probe-cameras find find-cameras available input-devices hardware list-ports usb-ports "
+        "list-inputs list-formats-ext framesizes frame-sizes list-framesizes list-frameintervals "
+        "sensors sensor",
+        "capture-app cameras add SPEC": "add-camera addcamera add add-source add-device add-input "
+        "create-input source-add",
+        "capture-app node --camera SPEC,fps=N,width=W": "fps framerate resolution mode format size width "
+        "height frame-rate parm set-fmt-video pixel-format pixelformat get-fmt-video fmt pixfmt pix-fmt "
+        "camera-size r rate hz 4k 1080p 720p hd uhd rotate flip roi bitdepth pixel aspect",
+        "capture-app trust pair LEADER": "pair login auth key keys register enroll enrol authorize authorise "
+        "authenticate remote-add",
+        "capture-app sessions list": "ls list takes library images files gallery log history lsl lsf lsd "
+        "lsjson tree sessions-list dir catalog archive-list db database show-all l take-list "
+        "recordings-list index",
+        "capture-app sessions trash SESSION": "delete rm remove del rmi trash unlink erase destroy drop "
+        "discard rmdir",
+        "capture-app sessions export SESSION": "convert save archive copy cp backup upload download push "
+        "extract extract-frames mux converter clone export copyto copy-to moveto save-as dump rsync scp "
+        "send transfer get-file get-all-files render-video",
+        "capture-app sessions note SESSION TEXT": "tag annotate comment commit label note rate star favorite "
+        "favourite memo",
         "capture-app sessions export SESSION --to otio": "edl xml fcpxml timeline premiere resolve davinci "
         "nle",
         "capture-app sessions export SESSION --to mcap": "rosbag ros2bag bag ros",
-        "capture-app sessions export SESSION --to mp4": "mp4 mov prores encode transcode",
-        "capture-app sessions restore SESSION": "undo undelete untrash",
+        "capture-app sessions export SESSION --to mp4": "mp4 mov prores encode transcode codec vcodec crf "
+        "bitrate encoder mkv avi h264 remux",
+        "capture-app sessions restore SESSION": "undo undelete untrash revert restore recover-deleted "
+        "rollback reset-take undelete-take",
         "capture-app sessions import SOURCE": "ingest gopro dji multicam clips sync synchronize align load "
-        "add",
-        "capture-app sessions sheet SESSION": "contact-sheet thumbnails",
-        "capture-app demo": "simulate sim simulated simulation fake",
-        "capture-app sessions show SESSION": "inspect describe probe info details metadata timestamps",
-        "capture-app sessions verify SESSION": "check verify validate fsck",
-        "capture-app sessions wiggle SESSION": "play",
+        "pull fetch merge concat process-data ns-process-data import-videos open-video extract-frames "
+        "hstack vstack add-videos add-new-videos import pull-video download-footage add-footage "
+        "open-folder multicam-sync align-videos sync-audio stitch-videos input-files convert-video",
+        "capture-app sessions sheet SESSION": "contact-sheet thumbnails sheet",
+        "capture-app demo": "simulate sim simulated simulation fake virtual virtual-camera hello "
+        "test-pattern testsrc example virtualcam virtual-cam test-source mock dry-run tutorial "
+        "quickstart getting-started try samples",
+        "capture-app sessions show SESSION": "inspect describe probe info details metadata timestamps "
+        "checkout ffprobe summary size mediainfo exif exiftool properties show stat cat head about "
+        "size-of identify",
+        "capture-app sessions verify SESSION": "check verify validate fsck cryptcheck checksum md5sum sha256 "
+        "hashsum integrity",
+        "capture-app sessions wiggle SESSION": "play wiggle gif animate animation boomerang loop",
         "capture-app sessions empty-trash": "purge clean empty-trash prune",
-        "capture-app status": "sync-check sync-status test-sync sync-test nodes info stats state health "
-        "sync synchronize genlock jam jam-sync accuracy clock latency dropped drops",
-        "capture-app doctor": "check diagnose test disk space storage du firewall network wifi",
-        "capture-app rig list": "ps rigs log logs",
+        "capture-app status": "sync-check sync-status test-sync sync-test nodes info stats state health sync "
+        "synchronize genlock jam jam-sync accuracy clock latency dropped drops top ping pods "
+        "node-status cluster cluster-info topic topics heartbeat echo hz state-of ready readiness "
+        "sync-state drift jitter bandwidth monitor-status get-state health-check healthcheck",
+        "capture-app doctor": "check diagnose test disk space storage du firewall network wifi troubleshoot "
+        "debug self-test selftest lint env environment system-info sysinfo about-system check-install "
+        "battery temperature power usage gpu cpu memory permissions driver drivers ncdu df",
         "capture-app, by the line that installed it (docs/install.md)": "update upgrade install",
         "capture-app, by make uninstall or pip uninstall simulshot": "uninstall",
-        "capture-app phones": "phone mobile android ios qr join-qr pair-qr",
-        "capture-app monitor": "dashboard live watch stream livestream broadcast",
+        "capture-app phones": "phone mobile android ios qr join-qr pair-qr iphone ipad smartphone tablet apk "
+        "scan-qr",
+        "capture-app monitor": "dashboard live watch stream livestream broadcast streaming stream-on "
+        "view-live liveview live-view hls preview-all viewfinder multiview-live mirror watch-live rtmp "
+        "broadcast-start",
         "capture-app --version": "version",
-        "capture-app --help": "help",
-        "capture-app people": "osc vmc live-people livemocap live-mocap",
-        "reconstruct calibrate SESSION": "calibrate calibration calib intrinsics extrinsics lens lenses",
+        "capture-app --help": "help man manual usage commands docs documentation explain",
+        "capture-app people": "osc vmc live-people livemocap live-mocap avatar vtuber live-pose "
+        "realtime-mocap",
+        "reconstruct calibrate SESSION": "calibrate calibration calib intrinsics extrinsics lens lenses "
+        "calibrator camera-calibration camera-calibrator undistort chessboard-calibrate "
+        "calibrate-camera calibrate-intrinsics stereo-calibrate poses-calibrate wand",
         "reconstruct, a command of its own": "reconstruct",
         "reconstruct multiview SESSION --out DIR": "photogrammetry depth depthmap depth-map mesh pointcloud "
-        "3d multiview sfm mvs volumetric ply",
+        "3d multiview sfm mvs volumetric ply scan obj model dense build reconstruct-3d point-clouds "
+        "dense-cloud tsdf nerf-to-mesh colmap-dense reconstruct-mesh voxel voxels kinect rgbd tof",
         "reconstruct stereo SESSION --out DIR": "stereo disparity",
         "reconstruct splat SESSION --out DIR": "splat splats gsplat gaussians gaussian-splat "
-        "gaussian-splatting train 3dgs",
-        "reconstruct trajectory SESSION --out DIR": "track trajectory tracking",
-        "reconstruct panorama SESSION --out DIR": "panorama stitch pano",
+        "gaussian-splatting train 3dgs nerf nerfacto splatfacto",
+        "reconstruct trajectory SESSION --out DIR": "track trajectory tracking track-object ball track-ball "
+        "object-tracking",
+        "reconstruct panorama SESSION --out DIR": "panorama stitch pano 360",
         "reconstruct people SESSION --out DIR": "gait angles pose2d pose3d markerless pose poses skeleton "
-        "mocap joints keypoints triangulate c3d bvh trc blender",
-        "reconstruct movers SESSION --out DIR": "matte mattes mask masks movers",
+        "mocap joints keypoints triangulate c3d bvh trc blender freemocap mediapipe openpose opencap "
+        "deeplabcut dlc fbx motion-capture body-tracking estimate-pose track-people skeletons smpl face "
+        "hands hand animal animals keypoint label label-videos pose-2d",
+        "reconstruct movers SESSION --out DIR": "matte mattes mask masks movers greenscreen green-screen "
+        "chroma-key background background-removal segment",
         "reconstruct compare SESSION --out DIR": "compare evaluate report",
-        "reconstruct time SESSION": "time offset offsets",
+        "reconstruct time SESSION": "time offset offsets sync-offset time-offset clap flash latency-offset",
         "capture-app panel show": "timecode time-code led",
         "reconstruct board FILE": "make-board print-board board charuco chessboard checkerboard",
         "reconstruct view SESSION --out DIR": "orbit flythrough view walk render bullet-time bullettime "
-        "freeze freeze-frame",
+        "freeze freeze-frame visualize visualise plot rviz novel-view",
         "reconstruct view SESSION --page --out DIR": "share publish viewer",
+        "capture-app burst --before N": "replay replay-buffer instant-replay retroactive pre-roll preroll",
+        "capture-app burst --wait-s S": "wait wait-for wait-for-device countdown self-timer timer",
+        "capture-app rig stop, then capture-app rig start": "restart reboot rollout reset reload",
+        "capture-app rig stagger ORDER": "stagger offset-cameras interleave phase trigger-delay",
+        "capture-app node --camera SPEC,sound=own": "sound audio mic microphone mute",
+        "capture-app node --name NAME --camera SPEC": "rename-camera camera-name set-name alias label-node "
+        "label-nodes label-pods rename-node",
+        "capture-app leader --port PORT": "port ports tcpip",
+        "capture-app cameras controls": "ctrl ctrls list-ctrls get-ctrl list-config get-config list-controls "
+        "capabilities abilities caps controls",
+        "capture-app cameras match CAMERA": "match match-cameras",
+        "capture-app cameras characterize SPEC": "characterize benchmark",
+        "capture-app cameras calibrate-time": "calibrate-time delay delays lag measure-delay measure-latency",
+        "capture-app cameras set exposure=4000, in µs": "exposure exposure-time exposure-absolute "
+        "exposure-us shutter shutter-speed auto-exposure ae ev shutterspeed exposure-compensation "
+        "aperture brightness",
+        "capture-app cameras set gain=2": "gain iso analogue-gain gain-db isospeed analog-gain",
+        "capture-app cameras set focus=auto": "focus autofocus auto-focus af focus-absolute zoom lens-focus",
+        "capture-app cameras set white-balance=5000, in kelvin": "white-balance whitebalance wb awb "
+        "color-temperature auto-white-balance colour color tint kelvin temperature-color saturation hue",
+        "capture-app cameras set --profile FILE": "profile preset presets apply",
+        "capture-app sessions import SOURCE --start N --count N": "trim cut crop clip",
+        "capture-app sessions rename SESSION NAME": "mv rename move",
+        "capture-app sessions repair SESSION": "repair recover resume salvage reindex rebuild fix finalize",
+        "capture-app trust list": "trusted remotes known-hosts",
+        "capture-app trust invite": "invite code token pin password otp",
+        "capture-app trust remove MACHINE": "revoke forget untrust",
+        "reconstruct compare SESSION --against OTHER --out DIR": "diff",
+        "capture-app sessions schema": "schema",
+        "capture-app cameras show NAME": "show camera-info get-camera device-info serial serialno "
+        "get-serialno",
+        "capture-app cameras list": "list",
+        "capture-app cameras set CONTROL=VALUE, such as exposure=4000": "settings config controls set "
+        "set-config set-ctrl param params property properties edit patch configure configuration adjust "
+        "tune option options parameters",
+        "capture-app preview CAMERA": "capture-preview preview-window image-view imageview",
+        "capture-app relay LEADER": "repeater bridge proxy forward tunnel",
+        "capture-app leader --lsl": "lab-streaming-layer",
+        "capture-app mark TEXT": "marker event-marker bookmark",
+        "capture-app refclock": "chrony ntp ptp",
+        "capture-app cameras remove NAME": "kick eject disconnect drain detach unplug remove rm delete stop "
+        "kill release-camera hide-source remove-source cordon evict delete-node remove-node",
+        "capture-app burst --repeat N": "repeat replicas series hdr bracket bracketing sequence",
+        "capture-app doctor --report FILE": "bugreport bug-report report-bug support-bundle bug",
+        "capture-app rig start --camera SPEC": "scale scene add-scene multi multicamera multi-camera",
+        "capture-app sessions export SESSION --to rrd": "rerun",
+        "capture-app sessions export SESSION --to splats": "postshot",
+        "capture-app panel read SESSION": "timecode-read read-panel",
+        "capture-app coverage": "coverage-map board-coverage live-calibration",
+        "capture-app record --fps N": "slow-motion slowmo slow-mo high-speed highspeed hfr",
+        "capture-app record --seconds S": "seconds minutes duration length",
     },
     "capture-app sessions": {
-        "capture-app sessions trash SESSION": "delete rm remove del",
+        "capture-app sessions trash SESSION": "delete rm remove del purge",
         "capture-app sessions list": "ls dir",
-        "capture-app sessions show SESSION": "info inspect describe open details metadata size du",
-        "capture-app sessions rename SESSION NAME": "mv move name",
+        "capture-app sessions show SESSION": "info inspect describe open details metadata size du stat stats "
+        "cat status",
+        "capture-app sessions rename SESSION NAME": "mv move name label",
         "capture-app sessions verify SESSION": "check validate fsck",
         "capture-app sessions repair SESSION": "fix recover resume",
-        "capture-app sessions export SESSION": "convert save to",
-        "capture-app sessions import SOURCE": "add load read from",
-        "capture-app sessions note SESSION TEXT": "annotate comment tag",
+        "capture-app sessions export SESSION": "convert save to copy cp upload backup download share push",
+        "capture-app sessions import SOURCE": "add load read from merge combine concat new-from pull",
+        "capture-app sessions note SESSION TEXT": "annotate comment tag rate star edit describe-as",
         "capture-app sessions restore SESSION": "undelete undo untrash",
-        "capture-app sessions sheet SESSION": "contact-sheet thumbnails preview",
-        "capture-app sessions wiggle SESSION": "play view gif animate",
-        "capture-app sessions empty-trash": "purge clean prune empty",
+        "capture-app sessions sheet SESSION": "contact-sheet thumbnails preview grid index",
+        "capture-app sessions wiggle SESSION": "play view gif animate preview-video watch",
+        "capture-app sessions empty-trash": "clean prune empty",
+        "reconstruct time SESSION": "sync synchronize align time offset",
+        "reconstruct view SESSION --out DIR": "render",
+        "reconstruct calibrate SESSION": "calibrate",
+        "reconstruct multiview SESSION --out DIR": "reconstruct process",
+        "capture-app burst --name NAME, or record --name NAME": "new create start init",
+        "capture-app doctor": "disk",
     },
     "reconstruct": {
         "reconstruct multiview SESSION --out DIR": "photogrammetry depth depthmap dense mvs pointcloud "
-        "point-cloud cloud fusion 3d volumetric automatic_reconstructor patch_match_stereo stereo_fusion "
-        "delaunay_mesher",
-        "reconstruct multiview SESSION --mesh --out DIR": "mesh poisson mesher poisson_mesher",
-        "reconstruct stereo SESSION --out DIR": "disparity sgbm pair",
+        "point-cloud cloud fusion 3d volumetric scan obj model patch-match-stereo stereo-fusion "
+        "automatic-reconstructor delaunay-mesher reconstruct reconstruction rebuild tsdf voxel build "
+        "run pipeline run-pipeline start create make texture texturer mesh-texturer texrecon meshing "
+        "meshroom odm mvsnet cloudcompare dust3r vggt 3d-model pcshow pcd openmvs reconstruction-3d "
+        "dense-reconstruction fuse fused tsdf-fusion poisson-recon depth-fusion depthanything midas "
+        "scene",
+        "reconstruct multiview SESSION --mesh --out DIR": "mesh poisson mesher poisson-mesher",
+        "reconstruct stereo SESSION --out DIR": "disparity sgbm pair rectify stereo-image-proc bm depth-pair "
+        "stereo-match",
         "reconstruct calibrate SESSION --mark CAMERA=X,Y --distance-m M": "scale align-gcp gcp",
         "reconstruct view SESSION --page --out DIR": "share",
-        "reconstruct calibrate SESSION": "sfm sparse feature_extractor exhaustive_matcher "
-        "sequential_matcher image_undistorter bundle_adjuster mapper calib calibration intrinsics "
-        "extrinsics poses colmap",
+        "reconstruct calibrate SESSION": "sfm sparse mapper calib calibration intrinsics extrinsics poses "
+        "colmap feature-extractor exhaustive-matcher sequential-matcher image-undistorter "
+        "bundle-adjuster matcher global-mapper point-triangulator triangulator database "
+        "database-creator aligner model-aligner configurator rig-configurator calibrator "
+        "camera-calibration undistort solve slam camera-solve camera-track matchmove estimate "
+        "parameters bundle adjuster rig-bundle-adjuster calibrate-intrinsics calibrate-extrinsics "
+        "calibrate-camera intrinsic extrinsic vocab-tree-matcher analyzer model-analyzer register "
+        "image-registrator align-cameras poses-calibrate stereo-calibrate transform scale-model hloc "
+        "superglue glomap detect detect-board detect-markers aruco reprojection reprojection-error "
+        "residuals color-extractor spatial rig sift features matching matches keypoints-match "
+        "camera-model camera-params essential fundamental homography pnp solvepnp",
         "reconstruct splat SESSION --out DIR": "splats gsplat gaussian gaussians gaussian-splat "
-        "gaussian-splatting splatfacto train 3dgs nerf nerfacto",
-        "reconstruct panorama SESSION --out DIR": "stitch pano stitching",
+        "gaussian-splatting splatfacto train 3dgs nerf nerfacto ngp instant-ngp gs gsplats "
+        "radiance-field fit optimize optimise neus gsplat-train supersplat brush postshot 3d-gaussians "
+        "mip-nerf zipnerf tensorf",
+        "reconstruct panorama SESSION --out DIR": "stitch pano stitching 360 equirectangular mosaic stitcher "
+        "180",
         "reconstruct view SESSION --out DIR": "orbit flythrough walk play render novel-view bullet-time "
-        "bullettime wiggle viewer",
-        "reconstruct time SESSION": "sync synchronize align offset offsets",
+        "bullettime wiggle viewer visualize visualise visualization rviz viz plot display rendering "
+        "blend blender animate animation render-video turntable interpolate slerp fly viser render-anim "
+        "render-output open3d meshlab gif film movie mp4 webp",
+        "reconstruct time SESSION": "sync synchronize align offset offsets synchronise time-sync genlock "
+        "audio-sync",
         "reconstruct people SESSION --out DIR": "gait angles pose2d pose3d markerless pose skeleton mocap "
-        "joints keypoints motion-capture human body triangulate c3d bvh trc",
-        "reconstruct movers SESSION --out DIR": "matte mattes mask masks segment rotoscope",
-        "reconstruct trajectory SESSION --out DIR": "track ball path",
-        "reconstruct compare SESSION --out DIR": "evaluate eval quality report",
+        "joints keypoints motion-capture human body triangulate c3d bvh trc freemocap mediapipe "
+        "openpose opencap anipose deeplabcut dlc fbx label labeled label-3d filter filter-3d "
+        "filterpredictions analyze analyse predict inference smpl smooth process process-recording "
+        "process-session project-2d reproject estimate-pose pose-estimation estimate track-people lift "
+        "lift-3d dance walk-cycle retarget rig-animation vicon opensim bodies person humans kinematics "
+        "detections detection create-video-with-all-detections label-2d pose-2d triangulate-3d "
+        "inverse-kinematics ik gait-analysis yolo rtmpose vitpose hrnet alphapose sleap smplx",
+        "reconstruct movers SESSION --out DIR": "matte mattes mask masks segment rotoscope greenscreen "
+        "green-screen background background-removal foreground matting segmentation remove-background "
+        "roto sam mask-out silhouettes silhouette",
+        "reconstruct trajectory SESSION --out DIR": "track ball path tracking tracker camera-tracker object "
+        "track-object motion",
+        "reconstruct compare SESSION --out DIR": "evaluate eval quality report summarize summary psnr ssim "
+        "benchmark benchmarks metrics validate score stats check verify error errors quality-check "
+        "accuracy",
         "reconstruct board FILE": "make-board print-board charuco chessboard checkerboard",
-        "reconstruct batch SESSIONS": "all jobs slurm",
-        "capture-app sessions import SOURCE": "import",
-        "capture-app sessions export SESSION": "export convert",
-        "capture-app sessions list": "list ls",
-        "capture-app sessions show SESSION": "show info",
+        "reconstruct batch SESSIONS": "jobs slurm",
+        "capture-app sessions import SOURCE": "import images photos pictures image-path process-data "
+        "ns-process-data convert-videos load ingest data input extract-frames folder footage clips "
+        "add-videos add-new-videos download download-data dataset project new-project init open add",
+        "capture-app sessions export SESSION": "export convert converter model-converter ns-export save "
+        "extract-frames output",
+        "capture-app sessions list": "list ls sessions",
+        "capture-app sessions show SESSION": "show info describe inspect",
         "capture-app burst": "capture shoot burst",
         "capture-app record": "record video",
         "reconstruct --version": "version",
         "reconstruct --help": "help",
+        "capture-app sessions trash SESSION": "delete rm remove",
+        "capture-app cameras": "cameras devices",
+        "capture-app, without a command": "gui ui tui start-ui visualizer-app",
+        "capture-app panel show": "timecode",
+        "reconstruct compare SESSION --against OTHER --out DIR": "diff",
+        "capture-app doctor": "doctor test gpu cuda check-install bugreport",
+        "capture-app status": "status",
+        "capture-app demo": "demo example simulate",
+        "capture-app sessions repair SESSION": "repair recover",
+        "reconstruct batch SESSIONS --out DIR": "queue submit sbatch cluster",
     },
     "capture-app cameras": {
         "capture-app cameras list": "ls devices scan discover find",
         "capture-app cameras show NAME": "info get inspect",
-        "capture-app cameras remove NAME": "rm delete del disconnect",
-        "capture-app cameras add SPEC": "open connect new attach",
-        "capture-app cameras set CONTROL=VALUE": "config settings exposure gain focus control",
+        "capture-app cameras remove NAME": "rm delete del disconnect stop disable close off eject kick",
+        "capture-app cameras add SPEC": "open connect new attach start run enable on",
+        "capture-app cameras controls": "list-formats formats list-controls ctrls",
+        "capture-app cameras set CONTROL=VALUE, such as exposure=4000": "config settings control",
+        "capture-app cameras set exposure=4000, in µs": "exposure shutter",
+        "capture-app cameras set gain=2": "gain iso",
+        "capture-app cameras set focus=auto": "focus autofocus",
+        "capture-app node --name NAME --camera SPEC": "rename name label",
+        "capture-app preview CAMERA": "preview view look",
+        "capture-app doctor": "test check",
+        "capture-app cameras characterize SPEC": "measure benchmark profile-camera",
+        "capture-app cameras set white-balance=5000, in kelvin": "white-balance wb awb",
+        "capture-app node --camera SPEC,fps=N,width=W": "fps framerate resolution size mode format width "
+        "height",
+        "capture-app status": "sync status state",
+        "capture-app cameras calibrate-time": "delay latency offset",
     },
     "capture-app rig": {
         "capture-app rig stop": "down kill quit end",
         "capture-app record": "record video film rec",
         "capture-app burst": "burst capture shoot take photo",
-        "capture-app rig start": "up run launch new",
-        "capture-app status": "status state",
-        "capture-app rig list": "ls ps show",
+        "capture-app rig start": "up run launch new create init",
+        "capture-app status": "status state info sync check nodes show",
+        "capture-app rig list": "ls ps show status-all",
         "capture-app cameras add SPEC, or capture-app node on another machine": "add connect",
         "capture-app cameras remove NAME": "remove",
+        "capture-app rig stop, then capture-app rig start": "restart reset reboot",
+        "capture-app preview CAMERA": "preview",
+        "capture-app sessions list": "sessions takes",
+        "capture-app cameras": "cameras devices",
+        "capture-app monitor": "view watch monitor live",
+        "capture-app cameras set CONTROL=VALUE, such as exposure=4000": "set config settings",
+        "reconstruct calibrate SESSION": "calibrate",
     },
     "capture-app trust": {
-        "capture-app trust list": "ls show",
-        "capture-app trust pair LEADER": "join connect login",
+        "capture-app trust list": "ls show status info",
+        "capture-app trust pair LEADER": "join connect login accept approve add-machine connect-to",
         "capture-app trust remove MACHINE": "rm delete del revoke forget",
-        "capture-app trust invite": "code qr new",
+        "capture-app trust invite": "code qr new create generate share",
     },
 }
 """Command lines by the group that was typed, with the words that mean them."""
@@ -199,26 +372,29 @@ _ACTIONS = {
 }
 """Actions of the screen that are not commands, written as if they were, with other words for them."""
 _OPTIONS = {
-    "--frames": "count n num number num-frames shots burst images vframes",
+    "--frames": "count n num number num-frames shots burst images vframes F number-of-frames limit",
     "--count": "n num frames number max-frames vframes",
-    "--out": "output o out-dir output-dir output-path dir dest destination outfile workspace-path to",
+    "--out": "output o out-dir output-dir output-path dir dest destination outfile workspace-path to "
+    "export-dir save save-path write-to output-file",
     "--to": "format f type output-format as",
-    "--seconds": "duration t time length for hours minutes",
-    "--interval-s": "interval timelapse",
-    "--fps": "rate framerate frame-rate r hz",
-    "--camera": "device source src input i cam spec cameras",
-    "--leader": "server host address ip connect url",
-    "--sessions": "dir folder out output data output-dir",
-    "--name": "label title tag n",
-    "--json": "output-json as-json machine",
-    "--port": "p listen",
+    "--seconds": "duration t time length for hours minutes time-limit timeout seconds-long duration-s "
+    "timeout-s stop-after record-time",
+    "--interval-s": "interval timelapse I",
+    "--fps": "rate framerate frame-rate r hz video-fps capture-rate",
+    "--camera": "device source src input i cam spec cameras d dev device-id index c cameras-list "
+    "input-device video",
+    "--leader": "server host address ip connect url leader-address master hub remote h",
+    "--sessions": "dir folder out output data output-dir save-dir storage path",
+    "--name": "label title tag n O session take filename prefix file-name",
+    "--json": "output-json as-json machine o-json pretty raw",
+    "--port": "p listen listen-port tcp-port",
     "--host": "bind address ip listen",
-    "--instant": "frame frames index at time",
+    "--instant": "frame frames index at time timestamp frame-index start",
     "--instants": "frames range",
-    "--width": "size resolution scale res",
+    "--width": "size resolution scale res max-size image-size size-px downscale",
     "--cameras": "count n num devices",
     "--simulated": "fake sim dummy",
-    "--replace": "overwrite force f y",
+    "--replace": "overwrite force f y overwrite-output",
     "--yes": "y force",
     "--jobs": "j threads workers parallel num-workers",
     "--from": "method mode using",
@@ -228,7 +404,7 @@ _OPTIONS = {
     "--stop": "end finish",
     "--detach": "d background daemon",
     "--min-nodes": "min-cameras nodes cameras",
-    "--quick": "fast preview draft quality",
+    "--quick": "fast preview draft quality low draft-mode",
     "--mesh": "poisson glb gltf obj",
     "--iterations": "steps iters max-iterations",
     "--verbose": "debug trace log-level",
@@ -240,18 +416,34 @@ _OPTIONS = {
     "--to mp4": "codec mp4 video prores",
     "--align": "sync audio by",
     "--page": "paper",
+    "--wait-s": "timeout wait",
+    "--masks": "mask",
+    "--lens": "camera-model model distortion",
+    "--spz": "compress",
 }
 """Options, each with other programs' words for it, without hyphens; the first that a command has wins."""
 _SIMULATED = {"--camera sim:phone-a": "simulated simulate sim simulation fake dummy virtual"}
+_OF_A_RIG = {
+    "capture-app rig start --sessions DIR": "o out output output-dir outdir dir folder path dest",
+    "capture-app rig start --camera SPEC": "i camera cameras cam device source src input",
+}
 _OPTIONS_OF = {
+    "capture-app burst": {**_OF_A_RIG, "--frames": "duration length seconds t time"},
+    "capture-app record": {
+        "capture-app sessions export SESSION --to mp4": "f format codec vcodec crf bitrate container preset",
+        **_OF_A_RIG,
+    },
+    "capture-app leader": {"--host": "ip bind address listen"},
+    "reconstruct board": {"--board": "size rows cols columns grid squares pattern"},
     "reconstruct calibrate": {
-        "--board": "charuco chessboard checkerboard squares pattern",
+        "--board": "charuco chessboard checkerboard squares pattern size rows cols columns cbrow cbcol grid",
         "--mark CAMERA=X,Y --distance-m M": "gcp scale",
     },
     "reconstruct multiview": {"--out DIR, with a PLY in it": "format ply las"},
     **dict.fromkeys(("capture-app", "capture-app node", "capture-app rig start"), _SIMULATED),
     "reconstruct people": {
-        "--out DIR, with CSV, TRC, C3D and glTF in it": "c3d trc csv gltf glb fbx bvh format"
+        "--out DIR, with CSV, TRC, C3D and glTF in it": "c3d trc csv gltf glb fbx bvh format",
+        "--rate": "fps framerate",
     },
     "capture-app sessions export": {
         **{f"--to {name}": f"{name} {words}" for name, words in FORMATS.items()},
@@ -260,9 +452,24 @@ _OPTIONS_OF = {
     },
 }
 """Options that mean this of certain commands alone, in the same form."""
+_SHAPES = {
+    r"/dev/video\d+": "capture-app node --camera v4l2:{}, or capture-app cameras",
+    r"video\d+": "capture-app node --camera v4l2:/dev/{}, or capture-app cameras",
+    r"\d": "capture-app node --camera webcam:{}, or capture-app cameras",
+    r"(?:rtsps?://|(?:v4l2|webcam|sim|libcamera|aravis|replay):).+": "capture-app node --camera {}",
+    r"\d+(?:\.\d+){3}(?::\d+)?": "--leader {0}, or capture-app trust pair {0}",
+    r"\d{3,5}x\d{3,5}": "capture-app node --camera SPEC,fps=N,width=W",
+}
+"""What a word means by its shape: a camera, the address of a leader, or a size."""
+_WEAK = {
+    *("add", "all", "create", "get", "list", "make", "new", "open", "run", "set", "show", "start", "take"),
+    *("camera", "data", "file", "path", "save", "session", "video"),
+}
+"""Words that say less than the others of a line, as in `list-devices`."""
+_SOURCES = ("capture-app burst", "capture-app record", "capture-app node", "capture-app preview")
+"""Commands that make footage: a file that is named beside them is not imported first."""
 _MODELS = (".glb", ".gltf", ".obj", ".ply", ".usdz")
 _OF_A_SESSION = {"reconstruct": "reconstruct compare", "capture-app": "capture-app sessions show"}
-_FOOTAGE = (".mp4", ".mov", ".mkv", ".avi", ".mts", ".jpg", ".jpeg", ".png", ".tif", ".tiff")
 _NUMBERS = {
     "integer": "a whole number",
     "integer range": "a whole number",
@@ -270,9 +477,18 @@ _NUMBERS = {
     "float range": "a number",
 }
 """What an option of a type takes, by click's name of the type."""
-_TOO_MANY = re.compile(r"Got unexpected extra arguments? \((.*)\)")
+_LISTS = {
+    "--camera": "capture-app cameras lists what there is",
+    "CAMERA": "capture-app status names those of the rig",
+    "SESSION": "capture-app sessions list shows what is there",
+}
+"""Commands that list the values of an option or argument."""
+_TOO_MANY = re.compile(r"Got unexpected extra arguments? \((.*)\)", re.DOTALL)
 _CLOSE = 0.75
 """Similarity from which a name counts as mistyped; click's own 0.6 takes `--json` for `--count`."""
+_MAX_LETTERS, _MAX_WORDS = 40, 50
+"""Letters of a word that are taken apart, and words of a line that are asked."""
+_EXPORTS = {f"capture-app sessions export SESSION --to {name}": f"{name} {FORMATS[name]}" for name in FORMATS}
 
 
 def words_for(line: str) -> list[str]:
@@ -290,88 +506,189 @@ def words_for(line: str) -> list[str]:
     ).split()
 
 
-def takes_argument(line: str) -> bool:
-    """Return whether a command line of ours ends in a placeholder, as `sessions show SESSION` does."""
-    return line.split(" -")[0][-1:].isupper()
+class _Tables:
+    """Command lines by the words that mean them, in tables of which the first that has a word decides."""
+
+    def __init__(self, *tables: Mapping[str, str]) -> None:
+        self._tables = [{line: {*map(_plain, rows[line].split())} for line in rows} for rows in tables]
+
+    def lines(self, word: str) -> list[str]:
+        """Return what a whole word means."""
+        answers = ([line for line in rows if _plain(word) in rows[line]] for rows in self._tables)
+        return next(filter(None, answers), _shaped(word))
+
+    def lines_of_parts(self, word: str) -> list[str]:
+        """Return what the parts of a compound mean, such as `take-photo`, `takePhoto` or `takephoto`."""
+        word = "" if {".", "/"} & {*word} else word[:_MAX_LETTERS]
+        parts: list[str] = []
+        for part in re.findall("[0-9]*[A-Z]?[a-z][a-z0-9]*|[A-Z]+(?![a-z])", word):
+            cuts = ([part[:at], part[at:]] for at in range(3, len(part) - 2))
+            parts += next((cut for cut in ([part], *cuts) if all(map(self.lines, cut))), [])
+        strong = [line for part in parts if _plain(part) not in _WEAK for line in self.lines(part)]
+        return strong or [line for part in parts for line in self.lines(part)]
+
+
+def _plain(word: str) -> str:
+    """Return a word as it is looked up: without a value, hyphens, capitals and the plural's ending."""
+    # One letter means two things, as gphoto2's -i and -I.
+    plain = re.sub("[-_]", "", word.partition("=")[0])
+    return re.sub(r"(?<=...)s\Z", "", plain.casefold()) if len(plain) > 1 else plain
+
+
+def _shaped(word: str) -> list[str]:
+    """Return what a word means by its shape."""
+    shaped = [lines for shape, lines in _SHAPES.items() if re.fullmatch(shape, word)]
+    return [line.format(word) for lines in shaped for line in lines.split(", or ")]
 
 
 def advise(error: click.UsageError, typed_line: Sequence[str] = ()) -> str:
-    """Return the message of a usage error, with what was probably meant by an unknown command or option."""
-    models = [
-        word
-        for before, word in pairwise(("", *typed_line))
-        if word.casefold().endswith(_MODELS) and "-" not in (before[:1], word[:1])
-    ]
+    """Return the message of a usage error, with what was probably meant by the words of the line."""
+    named = [(before, word) for before, word in pairwise(("", *typed_line)) if word[:1] != "-"]
+    models = [word for before, word in named if word.casefold().endswith(_MODELS) and before[:1] != "-"]
     if models and isinstance(error, click.MissingParameter | click.NoSuchCommand):
         return f"'{models[0]}' is a 3D model: Blender shows it, and reconstruct view shows sessions"
-    if error.ctx is None or not isinstance(error, click.NoSuchOption | click.NoSuchCommand):
-        return _in_our_words(error)
-    command = error.ctx.command
-    commands = _COMMANDS.get(error.ctx.command_path, {})
-    names = command.list_commands(error.ctx) if isinstance(command, click.Group) else []
-    if isinstance(error, click.NoSuchOption):
-        what, typed, word = "option", error.option_name, error.option_name.lstrip("-").replace("_", "-")
-        own = {f"{error.ctx.command_path} {word}": word} if word in names else {}
-        names = [name for param in command.get_params(error.ctx) for name in param.opts if name[:1] == "-"]
-        known = {line: words for line, words in _OPTIONS.items() if line.split()[0] in names}
-        known = _OPTIONS_OF.get(error.ctx.command_path, {}) | known | commands | own
-    else:
-        what, typed, word = "command", error.command_name, error.command_name
-        known = commands | {f"{error.ctx.command_path} {name} --help": f"help-{name}" for name in names}
-        if place := _at_place(word, error.ctx.command_path):
-            return place
-    unknown = f"No such {what} '{typed}'"
-    # Of two words, such as `grab video`, both together decide.
-    after = typed_line[typed_line.index(typed) + 1 :] if typed in typed_line else ()
-    meant = _lines_for(f"{word}-{after[0].lstrip('-')}", known) if after else []
-    # A word of two meanings: `info take1` is about a session, `info` about the rig.
-    meant += sorted(_lines_for(word, known), key=lambda line: takes_argument(line) is not bool(after))
-    if meant:
-        return f"{unknown}: it is {meant[0]}"
-    close = get_close_matches(typed.casefold(), names, 1, _CLOSE)
-    rows = _COMMANDS.get(error.ctx.command_path.split()[0], {}) if what == "option" else {}
-    elsewhere = [
-        f": it is {line}"
-        for line in _lines_for(word, rows)
-        if not f"{line} ".startswith(f"{error.ctx.command_path} ")
+    files = [
+        word
+        for before, word in named
+        if word.casefold().endswith(FOOTAGE)
+        and not (before.startswith(("-o", "--o")) or word.startswith("out"))
     ]
-    if close:
+    footage = " ".join(files[:3] + ["..."] * (len(files) > 3))
+    extra = _TOO_MANY.fullmatch(error.message.rstrip("."))
+    if error.ctx is None or not (extra or isinstance(error, click.NoSuchOption | click.NoSuchCommand)):
+        return _in_our_words(error, typed_line)
+    if place := _at_place(error, error.ctx, footage):
+        return place
+    unknown, typed = _unknown(error, extra[1] if extra else "", typed_line)
+    if extra and not footage and (option := _option_for(extra[1], error.ctx)):
+        return f"{unknown} ({option})"
+    path, names, (own, every) = error.ctx.command_path, _names(error.ctx), _tables(error, error.ctx)
+    split = (word.split("=", 1) if word[:2] == "--" else [word] for word in typed_line[:_MAX_WORDS])
+    words = [word for parts in split for word in parts if not word.isdecimal()]
+    at = words.index(typed) if typed in words else len(words)
+    after, before = words[at + 1 :], [word for word in words[:at] if word not in path.split()]
+    # Of two words, such as `grab video`, both together decide. A word of two meanings: `info take1` is about
+    # a session, `info` about the rig.
+    sure = [line for word in after[:1] for line in own.lines(typed + word.lstrip("-"))] + sorted(
+        own.lines(typed), key=lambda line: line.split(" -")[0][-1:].isupper() is not bool(after)
+    )
+    near = names if isinstance(error, click.NoSuchCommand) else _options(error.ctx)
+    if not sure and (close := get_close_matches(typed.casefold(), near, 1, _CLOSE)):
         return f"{unknown}. Did you mean '{close[0]}'?"
-    return unknown + ("".join(elsewhere[:1]) or (OVERVIEW if error.ctx.parent is None else ""))
+    meant = sure or every.lines(typed) or (every if names else own).lines_of_parts(typed.split(".")[0])
+    # Beside a known word the next is asked, unless it says little; an unknown command leaves all of them.
+    asked = after[:1] if meant or not names else sorted((*after, *before), key=lambda word: word[:1] != "-")
+    beside = [
+        line
+        for word in asked
+        for line in every.lines(word) or (every.lines_of_parts(word) if names and not meant else ())
+        if not (meant and word in _WEAK)
+    ]
+    # What was typed is not an answer.
+    shown = [
+        line
+        for line in dict.fromkeys((*meant[:2], *beside))
+        if line not in words and re.sub(" [A-Z].*", "", line) != path
+    ][:3]
+    answer = f"{unknown}: it is {', or '.join(shown)}" if shown else unknown
+    if footage and " import" not in answer + path and not (*shown, path)[0].startswith(_SOURCES):
+        return f"{answer}; footage is imported first: capture-app sessions import {footage}"
+    if shown and (sure or names):
+        return answer
+    return answer + (OVERVIEW if error.ctx.parent is None else f"; {path} takes {_takes(error.ctx)}")
 
 
-def _at_place(word: str, program: str) -> str:
+def _unknown(error: click.UsageError, extra: str, typed_line: Sequence[str]) -> tuple[str, str]:
+    """Return what a message says first about a word, and the word."""
+    if isinstance(error, click.NoSuchCommand):
+        return f"No such command '{error.command_name}'", error.command_name
+    if not isinstance(error, click.NoSuchOption):
+        return f"too many arguments: {extra}", extra.partition(" ")[0]
+    typed = error.option_name
+    # Of ffmpeg's `-vcodec`, click names one letter.
+    clusters = (word for word in typed_line if "-" == word[:1] != word[1:2] and typed[1] in word)
+    typed = next(clusters, typed) if len(typed) == 2 else typed
+    return f"No such option '{typed}'", typed
+
+
+def _tables(error: click.UsageError, ctx: click.Context) -> tuple[_Tables, _Tables]:
+    """Return the table of the command where a line ended, and all tables, the nearest first."""
+    path, root, names, options = ctx.command_path, ctx.find_root(), _names(ctx), _options(ctx)
+    known: Mapping[str, str] = {f"{path} {name} --help": f"help-{name}" for name in names}
+    if not isinstance(error, click.NoSuchCommand):
+        known = {line: words for line, words in _OPTIONS.items() if line.split()[0] in options}
+        known = _OPTIONS_OF.get(path, {}) | known
+        known |= {name: f"{name} {known.get(name, '')}" for name in options if name[:2] == "--"}
+    own = {**known, **_COMMANDS.get(path, {})}
+    ours = {f"{at.command_path} {name}": name for at in (ctx, root) for name in _names(at)}
+    programs = [_COMMANDS.get(name, {}) for name in (root.command_path, "capture-app", "reconstruct")]
+    return _Tables(own), _Tables(own, ours, programs[0], _EXPORTS, *programs[: 3 if names else 1])
+
+
+def _names(ctx: click.Context) -> list[str]:
+    return ctx.command.list_commands(ctx) if isinstance(ctx.command, click.Group) else []
+
+
+def _options(ctx: click.Context) -> list[str]:
+    return [name for param in ctx.command.get_params(ctx) for name in param.opts if name[:1] == "-"]
+
+
+def _takes(ctx: click.Context) -> str:
+    """Return what a command takes, in short: its commands, or its arguments and options."""
+    taken = (
+        param.opts[-1] if param.opts[0][:1] == "-" else param.make_metavar(ctx)
+        for param in ctx.command.get_params(ctx)
+    )
+    return ", ".join(
+        _names(ctx) or [name for name in taken if name not in ("--quiet", "--verbose", "--help")]
+    )
+
+
+def _at_place(error: click.UsageError, ctx: click.Context, footage: str) -> str:
     """Return what to do with a file, a session or a folder in place of a command; empty for others."""
-    if word.casefold().endswith(_FOOTAGE):
-        return f"'{word}' is a file: capture-app sessions import FILE ... imports it"
+    word = error.command_name if isinstance(error, click.NoSuchCommand) else ""
+    then = _OF_A_SESSION.get(ctx.find_root().command_path, "")
+    if word.casefold().endswith(FOOTAGE):
+        return (
+            f"'{word}' is a file: capture-app sessions import {footage or word} imports it, "
+            f"then {then} SESSION"
+        )
     for place in (Path(word), Path("sessions", word)):
-        is_session = os.path.isfile(place / "session.json")  # noqa: PTH113 - no word makes it raise
-        if is_session and (line := _OF_A_SESSION.get(program)):
-            return f"'{word}' is a session; the command comes first: {line} {place}"
-    if "/" in word and not os.path.lexists(word):
-        return f"there is nothing at {word}; the command comes first"
-    if word.strip("./") and os.path.isdir(word):  # noqa: PTH112 - the same
+        if word and os.path.isfile(place / "session.json"):  # noqa: PTH113 - no word makes it raise
+            return f"'{word}' is a session; the command comes first: {then} {place}{OVERVIEW}"
+    if "/" in word and not (_shaped(word) or os.path.lexists(word)):
+        return f"there is nothing at {word}; the command comes first{OVERVIEW}"
+    if word.strip("./") and not _shaped(word) and os.path.isdir(word):  # noqa: PTH112 - the same
         return f"'{word}' is a folder: capture-app sessions import {word} imports it"
     return ""
 
 
-def _lines_for(word: str, rows: Mapping[str, str]) -> list[str]:
-    return [line for line, words in rows.items() if word.casefold() in words.split()]
-
-
-def _in_our_words(error: click.UsageError) -> str:
+def _in_our_words(error: click.UsageError, typed_line: Sequence[str]) -> str:
     """Return what an option or argument takes, and what it was given, instead of click's sentences."""
     text = error.message.rstrip(".")
     if isinstance(error, click.BadOptionUsage):
         return f"{error.option_name} needs a value" if "requires an argument" in text else text
-    if not isinstance(error, click.BadParameter) or error.param is None:
-        return _TOO_MANY.sub(
-            lambda given: f"too many arguments: {given[1]}{_option_for(given[1], error)}", text
-        )
-    name, kind = error.param.get_error_hint(error.ctx).replace("'", ""), error.param.type
+    if not isinstance(error, click.BadParameter) or error.param is None or error.ctx is None:
+        return text
+    name, kind, path = (
+        error.param.get_error_hint(error.ctx).replace("'", ""),
+        error.param.type,
+        error.ctx.command_path,
+    )
     if isinstance(error, click.MissingParameter):
-        lists = {"--camera": "cameras lists what there is", "CAMERA": "status names those of the rig"}
-        return f"{name} is missing" + (f"; capture-app {lists[name]}" if name in lists else "")
+        add = (
+            f"add {name} {error.param.make_metavar(error.ctx)}"
+            if name[:1] == "-"
+            else f"{path} takes {_takes(error.ctx)}"
+        )
+        words = list(takewhile(lambda word: word[:1] != "-", typed_line[len(path.split()) - 1 :]))
+        footage = " ".join(words[:3]) if words and words[0].casefold().endswith(FOOTAGE[:5]) else ""
+        notes = [
+            *(f"{word} is {line}" for word in words for line in _shaped(word)[:1]),
+            *(f"{word} is --against {word}" for word in words[1:] if "--against" in _options(error.ctx)),
+            *(["footage is imported first: capture-app sessions import " + footage] if footage else []),
+        ]
+        return "; ".join((f"{name} is missing", _LISTS.get(name, add), *notes))
     given, is_not, _ = text.partition(" is not ")
     if not is_not or kind.name not in _NUMBERS:
         return f"{name}: {text}"
@@ -384,8 +701,14 @@ def _in_our_words(error: click.UsageError) -> str:
     return f"{name} takes {_NUMBERS[kind.name]}{limits}, not {given}"
 
 
-def _option_for(given: str, error: click.UsageError) -> str:
-    """Return the first option of the command that takes a number, for a number without one."""
-    params = error.ctx.command.params if error.ctx and given.isdecimal() else []
-    taking = [param.opts[0] for param in params if param.opts[0][:1] == "-" and param.type.name in _NUMBERS]
-    return f" (write {taking[0]} {given})" if taking else ""
+def _option_for(given: str, ctx: click.Context) -> str:
+    """Return how to write an argument that a command does not take; empty if nothing fits."""
+    kinds = {param.opts[0]: param.type.name for param in ctx.command.get_params(ctx)}
+    # A number is a camera where there are cameras.
+    numbers = (
+        [option for option, kind in kinds.items() if option[:1] == "-" and kind in _NUMBERS]
+        if given.isdecimal() and "--camera" not in kinds
+        else []
+    )
+    options = ["--against"] if "--against" in kinds else numbers
+    return f"write {options[0]} {given}" if options else "put the text in quotes" if "text" in kinds else ""

@@ -10,6 +10,7 @@ import threading
 import traceback
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from datetime import UTC, datetime
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -63,6 +64,22 @@ class FiniteRange(click.FloatRange):
         if not math.isfinite(number):
             self.fail(f"{value!r} is not a finite number", param, ctx)
         return float(number)
+
+
+class SessionPath(click.Path):
+    """Type of a session's folder, for which the name of one in ./sessions is enough."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return the path as it was typed, or of the session of that name if nothing is there."""
+        path = Path(str(super().convert(value, param, ctx)))
+        inside = Path("sessions", path)
+        # Unlike Path's, os.path's raise for no name.
+        if len(path.parts) == 1 and not os.path.lexists(path) and os.path.isdir(inside):  # noqa: PTH112
+            return inside
+        return path
+
+
+SESSION = SessionPath()
 
 
 def talk(line: str) -> None:

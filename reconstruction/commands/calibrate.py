@@ -10,7 +10,7 @@ import click
 from capture_app.board.boards import CharucoBoard, Checkerboard, board_options
 from capture_app.common.errors import SimulshotError
 from capture_app.console.option_rules import Rule, RuledCommand
-from capture_app.console.terminal import FiniteRange, answer, json_option, table
+from capture_app.console.terminal import SESSION, FiniteRange, answer, json_option, table
 from capture_app.console.usage import examples
 from reconstruction.commands.command_options import session_argument
 
@@ -75,7 +75,7 @@ _FROM_BOARD = "--from=board|charuco"
 @click.option(
     "--recording",
     "recordings",
-    type=click.Path(path_type=Path),
+    type=SESSION,
     multiple=True,
     metavar="SESSION",
     show_default="SESSION itself",
@@ -84,7 +84,7 @@ _FROM_BOARD = "--from=board|charuco"
 @click.option(
     "--lens-recording",
     "lens_recordings",
-    type=click.Path(path_type=Path),
+    type=SESSION,
     multiple=True,
     metavar="SESSION",
     show_default="the recordings of the rig",
@@ -130,7 +130,7 @@ _FROM_BOARD = "--from=board|charuco"
 )
 @click.option(
     "--ground",
-    type=click.Path(path_type=Path),
+    type=SESSION,
     metavar="SESSION",
     help="Session, or SESSION itself, in which the board is flat on the ground. The ground becomes z = 0, z "
     "points up, and the unit is the metre.",

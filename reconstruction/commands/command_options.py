@@ -8,7 +8,7 @@ from typing import Any
 import click
 import msgspec
 
-from capture_app.console.terminal import TIME_SHIFT, FiniteRange, ParsedType
+from capture_app.console.terminal import SESSION, TIME_SHIFT, FiniteRange, ParsedType
 from reconstruction.common.matchers import MATCHER_HELP, Matcher
 from reconstruction.common.options import Described, Pair, described
 from reconstruction.common.options import flag as flag
@@ -97,7 +97,7 @@ PAIR: dict[str, Any] = {
     "metavar": "CAMERA,CAMERA",
     "show_default": "chosen automatically",
 }
-session_argument = click.argument("session", type=click.Path(path_type=Path))
+session_argument = click.argument("session", type=SESSION)
 matcher_option = click.option(
     "--matcher",
     type=click.Choice([str(matcher) for matcher in Matcher]),

@@ -7,7 +7,7 @@ import click
 
 from capture_app.common.instants import COMPARED_MS
 from capture_app.console.option_rules import Rule, RuledCommand
-from capture_app.console.terminal import FiniteRange, answer, json_option
+from capture_app.console.terminal import SESSION, FiniteRange, answer, json_option
 from capture_app.console.usage import examples
 from reconstruction.commands import command_options
 from reconstruction.method.interface import scored, study_names
@@ -72,7 +72,7 @@ class _CompareCommand(RuledCommand):
 )
 @click.option(
     "--against",
-    type=click.Path(path_type=Path),
+    type=SESSION,
     metavar="SESSION",
     help="Also compare with another session of the same cameras, such as one without synchronization.",
 )

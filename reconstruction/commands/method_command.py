@@ -6,7 +6,7 @@ from typing import Any
 import click
 
 from capture_app.console.option_rules import RuledCommand
-from capture_app.console.terminal import Progress, answer, json_option, talk
+from capture_app.console.terminal import SESSION, Progress, answer, json_option, talk
 from capture_app.console.usage import examples
 from reconstruction.commands.command_options import (
     CONDITION,
@@ -49,8 +49,6 @@ def method_command(method: type[Method]) -> click.Command:
         answer(as_json, result, run.lines(said, out))
 
     metavar, count = sources
-    argument = click.Argument(
-        ["sources"], type=click.Path(path_type=Path), metavar=metavar, nargs=count, required=True
-    )
+    argument = click.Argument(["sources"], type=SESSION, metavar=metavar, nargs=count, required=True)
     command.params[:0] = [argument, *click_options(method, own=True)]
     return command

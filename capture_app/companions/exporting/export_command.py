@@ -9,7 +9,7 @@ import click
 from capture_app.commands.shared_options import ANY_PATH, restrict_file_access
 from capture_app.common.plugins import plugin_names
 from capture_app.console.known_words import FORMATS, RESULTS
-from capture_app.console.terminal import FiniteRange, answer, json_option, show_count, talk
+from capture_app.console.terminal import SESSION, FiniteRange, answer, json_option, show_count, talk
 from capture_app.console.usage import examples, write_plugins
 from capture_app.session.exporting.exporter import (
     GROUP,
@@ -104,7 +104,7 @@ class _ExportCommand(click.Command):
     cls=_ExportCommand,
     epilog=examples("capture-app sessions export sessions/burst-001 --to mp4 --out videos"),
 )
-@click.argument("session", type=ANY_PATH)
+@click.argument("session", type=SESSION)
 @click.option("--out", type=ANY_PATH, metavar="DIR", required=True, help="New or empty folder to write.")
 @click.option(
     "--hard-link", "link", is_flag=True, help="Hard-link image files where possible instead of copying them."

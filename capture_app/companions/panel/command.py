@@ -9,13 +9,14 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from capture_app.commands.shared_options import ANY_PATH, FOLDER, run_until_stopped
+from capture_app.commands.shared_options import FOLDER, run_until_stopped
 from capture_app.common.errors import SimulshotError
 from capture_app.common.templates import render_lines
 from capture_app.common.text import duration, pretty_json
 from capture_app.companions.panel.screen import DEFAULT_PORT
 from capture_app.console.option_rules import Rule, RuledCommand
 from capture_app.console.terminal import (
+    SESSION,
     FiniteRange,
     answer,
     json_option,
@@ -37,7 +38,7 @@ RESULT = "panel.json"
         "capture-app panel read sessions/burst-001", "capture-app panel read sessions/videos --apply"
     )
 )
-@click.argument("session", type=ANY_PATH)
+@click.argument("session", type=SESSION)
 @click.option("--out", type=FOLDER, metavar="DIR", help=f"Folder to write {RESULT} to, with all figures.")
 @click.option(
     "--apply",

@@ -10,7 +10,7 @@ import msgspec
 
 from capture_app.common import system
 from capture_app.common.errors import BadInputError, IncompleteError
-from capture_app.common.names import is_name
+from capture_app.common.names import FOOTAGE, is_name
 from capture_app.common.text import UNREADABLE
 from capture_app.session.files.locks import lock_handle
 from capture_app.session.files.untrusted_files import (
@@ -250,6 +250,8 @@ def _instead_of(path: Path) -> str:
         return (
             f"the newest is {max(there, key=lambda one: one.stat().st_mtime)}" if there else "take one first"
         )
+    if path.suffix.casefold() in FOOTAGE:
+        return f"footage is imported first: capture-app sessions import {path}"
     if path.exists():
         return f"it has no {MANIFEST}; footage is imported first: capture-app sessions import {path}"
     return "capture-app sessions list shows what is there"

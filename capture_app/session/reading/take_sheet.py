@@ -27,6 +27,8 @@ GROUND, INK, MUTED, WARNING = (31, 23, 22), (232, 208, 200), (150, 130, 120), (1
 MAX_PIXELS = 100_000_000
 MAX_SIDE = 65_500
 """Maximum height and width of a JPEG that libjpeg writes, px."""
+MAX_HEIGHT = 16_383
+"""Height from which a sheet continues beside itself, px: browsers and many viewers show no taller picture."""
 PAIR_DEPTH = "pair.png"
 """Picture of two cameras' depth in the folder of a result, until all cameras' depth is done."""
 
@@ -141,7 +143,8 @@ def contact_sheet(
 ) -> "Picture":
     """Draw a contact sheet: a column per camera, a row per instant, each image `width` px wide; returns BGR.
 
-    `instants` are the rows; None: `sheet_instants`. Raises BadInputError if the sheet would exceed
+    Rows that do not fit into the height continue in further columns. `instants` are the rows; None:
+    `sheet_instants`. Raises BadInputError if the sheet would exceed
     100 megapixels, or 65,500 px on a side.
     """
     import cv2
@@ -149,27 +152,28 @@ def contact_sheet(
 
     height = round(width * sheet.aspect)
     instants = sheet_instants(sheet, width) if instants is None else instants
-    across, down = len(sheet.cameras), len(instants)
-    size = HEAD + down * (height + GAP), GUTTER + across * (width + GAP)
-    if size[0] * size[1] > MAX_PIXELS or max(size) > MAX_SIDE:
+    across, wide = len(sheet.cameras), GUTTER + len(sheet.cameras) * (width + GAP)
+    blocks = max(1, math.ceil(len(instants) / max(1, (MAX_HEIGHT - HEAD) // (height + GAP))))
+    down = math.ceil(len(instants) / blocks)
+    size = HEAD + down * (height + GAP), blocks * wide
+    if (HEAD + len(instants) * (height + GAP)) * wide > MAX_PIXELS or max(size) > MAX_SIDE:
         raise BadInputError(
-            f"a sheet of {across} x {down} pictures would have {size[1]} x {size[0]} pixels",
+            f"a sheet of {across} x {len(instants)} pictures would have {size[1]} x {size[0]} pixels",
             hint="choose a smaller --width",
         )
     whole = np.full((*size, 3), GROUND, np.uint8)
-    for x, camera in enumerate(sheet.cameras):
+    for x, camera in enumerate(sheet.cameras * blocks):
         # OpenCV's font only has ASCII.
         heading = sheet.heading(camera)
-        _write(
-            whole, heading if heading.isascii() else camera, (GUTTER + x * (width + GAP), 18), INK, room=width
-        )
+        left = x // across * wide + GUTTER + x % across * (width + GAP)
+        _write(whole, heading if heading.isascii() else camera, (left, 18), INK, room=width)
     for y, instant in enumerate(instants):
-        top = HEAD + y * (height + GAP)
+        top, start = HEAD + y % down * (height + GAP), y // down * wide
         since = duration(sheet.since_start_ns(instant), signed=True) if instant else "first"
-        _write(whole, since, (6, top + 16), INK, room=GUTTER - 8)
-        _write(whole, duration(sheet.spread_ns(instant)), (6, top + 34), MUTED, room=GUTTER - 8)
+        _write(whole, since, (start + 6, top + 16), INK, room=GUTTER - 8)
+        _write(whole, duration(sheet.spread_ns(instant)), (start + 6, top + 34), MUTED, room=GUTTER - 8)
         for x, camera in enumerate(sheet.cameras):
-            left = GUTTER + x * (width + GAP)
+            left = start + GUTTER + x * (width + GAP)
             if (image := sheet.load(camera, instant, width)) is not None:
                 scaled = fit(image, width, height)
                 whole[top : top + scaled.shape[0], left : left + scaled.shape[1]] = scaled

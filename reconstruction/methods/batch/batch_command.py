@@ -7,7 +7,7 @@ import click
 
 from capture_app.common.errors import ExitCode, SimulshotError
 from capture_app.console.option_rules import Rule, RuledCommand
-from capture_app.console.terminal import answer, json_option
+from capture_app.console.terminal import SESSION, answer, json_option
 from capture_app.console.usage import examples
 from reconstruction.commands.command_options import (
     CONDITION,
@@ -33,7 +33,7 @@ from reconstruction.scene.conditions import SYNCED
         "reconstruct batch sessions/* --splats --out depth",
     ),
 )
-@click.argument("sessions", type=click.Path(path_type=Path), nargs=-1, required=True)
+@click.argument("sessions", type=SESSION, nargs=-1, required=True)
 @click.option(
     "--condition",
     "conditions",

@@ -108,6 +108,18 @@ def test_a_long_take_is_shown_in_steps(
         assert np.abs(shown - colour_of(instant)).max() <= 3
 
 
+def test_a_tall_sheet_continues_beside_itself(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    sheet = TakeSheet(make_take(tmp_path, cameras=2, instants=5))
+    monkeypatch.setattr(take_sheet, "MAX_HEIGHT", HEAD + 2 * (48 + GAP))
+    picture = contact_sheet(sheet, 64)
+    wide = GUTTER + 2 * (64 + GAP)
+    assert picture.shape[:2] == (HEAD + 2 * (48 + GAP), 3 * wide)
+    for instant in range(5):
+        top, left = HEAD + instant % 2 * (48 + GAP), instant // 2 * wide + GUTTER
+        assert np.abs(picture[top + 24, left + 32].astype(int) - colour_of(instant)).max() <= 3
+        assert len(np.unique(picture[top : top + 20, left - GUTTER : left - 6].reshape(-1, 3), axis=0)) > 1
+
+
 @pytest.mark.parametrize("instants", [1, 464, 108_000])
 def test_a_sheet_of_a_film_of_an_hour_fits_a_picture(instants: int) -> None:
     sheet = SimpleNamespace(aspect=9 / 16, cameras=("left", "right"), instants=instants)

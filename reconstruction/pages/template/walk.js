@@ -108,7 +108,7 @@
   function camera(from) {
     const { subject, spot, scale, distance } = data.path;
     const ahead = unit(add(subject, from, -1)), right = unit(cross(data.path.down, ahead)), down = cross(ahead, right);
-    const wide = target.width, high = target.height, shape = data.width / data.height;
+    const wide = target.width, high = target.height, shape = data.path.shape;
     /* The picture fills a canvas of another shape, but for at most a third of its width or height. */
     const whole = Math.min(wide, high * shape), width = Math.min(Math.max(wide, high * shape), 1.5 * whole);
     const height = width / shape;
@@ -169,8 +169,8 @@
   /* ---- Controls ---- */
   const limit = (x, most) => Math.min(Math.max(x, -most), most);
   function move(across, down, nearer = 0) {
-    eye.across = limit(eye.across + across, 1.3);
-    eye.down = limit(eye.down + down, 1.3);
+    eye.across = limit(eye.across + across, data.path.limits[0]);
+    eye.down = limit(eye.down + down, data.path.limits[1]);
     eye.nearer = Math.min(Math.max(eye.nearer + nearer, -0.4), 0.35);
     redraw();
   }

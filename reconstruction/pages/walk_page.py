@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 from markupsafe import Markup
 
+from capture_app.common.walk import WALK
 from reconstruction.common.camera_paths import Frame
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.templates import environment_of
@@ -73,7 +74,7 @@ def write_walk_page(
         "path": path,
         "instants": instants,
     }
-    scripts = (drawing.script, TEMPLATES / "walk.js")
+    scripts = (drawing.script, WALK, TEMPLATES / "moments.js")
     text = (
         environment_of(PACKAGE)
         .get_template(TEMPLATE)

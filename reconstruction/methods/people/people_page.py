@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from capture_app.common.walk import SKELETONS
 from reconstruction.common.camera_paths import frame_of
 from reconstruction.common.geometry import Array, View
 from reconstruction.methods.people.people_run import PeopleInTime
@@ -52,12 +53,9 @@ def write_people_page(
         still=still,
         period_ns=round(step_s * 1e9),
         drawing=Drawing(
-            Path(__file__).with_name("page") / "skeletons.js",
+            SKELETONS,
             instants,
-            {
-                "held": HELD,
-                "bones": people.skeleton.bones,
-            },
+            {"held": HELD, "bones": people.skeleton.bones, "whole": True},
         ),
     )
 

@@ -22,6 +22,7 @@ from capture_app.common.errors import IncompleteError, SimulshotError, UnknownMa
 from capture_app.common.names import natural_order
 from capture_app.common.tasks import Background, end
 from capture_app.common.text import UNREADABLE
+from capture_app.common.walk import SKELETONS, WALK
 from capture_app.companions.monitor.people_feed import PeopleFeed
 from capture_app.protocol.orders import EndBurst
 from capture_app.protocol.status import BurstStatus, Preview, RigStatus
@@ -355,7 +356,7 @@ class MonitorPage(PairedPage):
     """Serves the page; any number of monitors share one feed."""
 
     def __init__(self, admission: Admission, feed: MonitorFeed) -> None:
-        super().__init__(admission, Path(__file__).parent / "page")
+        super().__init__(admission, Path(__file__).parent / "page", shared=(WALK, SKELETONS))
         self._feed = feed
 
     def add_routes(self, app: web.Application) -> None:

@@ -11,13 +11,12 @@ function askForPeople() {
 function showPeople({words, is_over: isOver, people: joints, bones, path}) {
   people.words = words;
   seen("again").hidden = !isOver;
-  const isPlaced = Boolean(path && path.subject);
-  if (isPlaced) people.path = path;
+  if (path?.subject) people.path = path;
   people.came = joints ? performance.now() : null;
   if (joints && people.path) {
     people.scene ||= {path: people.path, whole: true, instants: []};
     people.scene.bones = bones;
-    people.walk ||= makeWalk(seen("walk"), people.scene, makePainter, () => {});
+    people.walk ||= startWalk();
   }
   if (joints && people.scene && !people.walk) people.words = "This browser shows no 3D (WebGL 2).";
   // A hidden page draws nothing, so it acknowledges nothing and costs the link nothing.
@@ -26,6 +25,16 @@ function showPeople({words, is_over: isOver, people: joints, bones, path}) {
     showPeopleWords();
     link.say("seen", {picture: "people"});
   });
+}
+
+// A phone takes the GPU from pages in the background; then another canvas shows the next people.
+function startWalk() {
+  const canvas = seen("walk");
+  canvas.addEventListener("webglcontextlost", () => {
+    people.walk = null;
+    canvas.replaceWith(canvas.cloneNode());
+  });
+  return makeWalk(canvas, people.scene, makePainter, () => {});
 }
 
 function drawPeople(joints) {

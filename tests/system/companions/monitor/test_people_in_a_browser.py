@@ -63,6 +63,9 @@ async def test_people_move_and_are_walked_round(tmp_path: Path, processes: list[
             await browser.tap("#middle")
             assert await browser.ask(ANGLE) == 0
             assert await browser.ask("getComputedStyle(seen('walk')).filter") == "none"
+            lose = "seen('walk').getContext('webgl2').getExtension('WEBGL_lose_context').loseContext()"
+            await browser.ask(f"window.lost = people.walk, {lose}")
+            await browser.shows("people.walk && people.walk !== lost && people.walk.count() > 0")
             await browser.ask("SHOW.lost({reason: 'The leader does not answer.'})")
             assert "grayscale(1)" in await browser.ask("getComputedStyle(seen('walk')).filter")
             (first,) = processes

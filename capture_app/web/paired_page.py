@@ -9,7 +9,7 @@ import logging
 import socket
 import ssl
 from abc import ABC, abstractmethod
-from collections.abc import AsyncIterator, Collection, Mapping
+from collections.abc import AsyncIterator, Collection, Iterable, Mapping
 from datetime import UTC, datetime
 from http import HTTPStatus
 from operator import itemgetter
@@ -189,16 +189,23 @@ class PageLink:
 
 
 class PairedPage(ABC):
-    """Server of the files of one folder, and of links to the devices that its admission knows."""
+    """Server of a page's files, and of links to the devices that its admission knows."""
 
     max_message_bytes = 1 << 16
 
     def __init__(
-        self, admission: Admission, folder: Path, values: Mapping[str, str] = MappingProxyType({})
+        self,
+        admission: Admission,
+        folder: Path,
+        values: Mapping[str, str] = MappingProxyType({}),
+        shared: Iterable[Path] = (),
     ) -> None:
-        """Create a server; `values` replace the placeholders @NAME@ in the files."""
+        """Create a server of a folder's files and of `shared` ones.
+
+        `values` replace the placeholders @NAME@ in the files.
+        """
         self.admission = admission
-        self._files = {path.name.removeprefix("index.html"): path for path in folder.iterdir()}
+        self._files = {path.name.removeprefix("index.html"): path for path in (*folder.iterdir(), *shared)}
         self._values = values
         self._door = Door()
         self._links: dict[PageLink, None] = {}

@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 from markupsafe import Markup
 
+from capture_app.common.walk import WALK
 from reconstruction.common.camera_paths import Frame
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.templates import environment_of
@@ -17,6 +18,8 @@ from reconstruction.common.templates import environment_of
 PACKAGE, TEMPLATE = "reconstruction.pages", "walk.html"
 TEMPLATES = Path(__file__).with_name("template")
 QUALITY = 85
+BEYOND = 1.3
+"""How far the eye goes, in halves of the extent that the cameras saw."""
 
 
 class Drawing(NamedTuple):
@@ -29,12 +32,32 @@ class Drawing(NamedTuple):
     """What else the script reads; `held` is how many instants stay in the GPU's memory."""
 
 
+def path_of(
+    frame: Frame,
+    depths: tuple[float, float],
+    views: Mapping[str, View],
+    limits: tuple[float, float] = (BEYOND, BEYOND),
+) -> dict[str, Any]:
+    """Return the places to look from, as `walk.js` reads them.
+
+    `depths` are the nearest and the farthest depth. `limits` say how far the eye goes to either side and up
+    and down, in halves of the frame's extent.
+    """
+    first = next(iter(views.values()))
+    return {
+        **{key: np.asarray(value).tolist() for key, value in frame._asdict().items()},
+        "near": depths[0] / 4,
+        "far": depths[1] * 4,
+        "shape": first.width / first.height,
+        "limits": limits,
+    }
+
+
 def write_walk_page(
     page: Path,
     name: str,
     *,
-    frame: Frame,
-    depths: tuple[float, float],
+    path: Mapping[str, Any],
     views: Mapping[str, View],
     still: Array,
     period_ns: int,
@@ -42,23 +65,16 @@ def write_walk_page(
 ) -> None:
     """Write the page as a file.
 
-    `frame` has the places to look from, `depths` the nearest and the farthest depth. `still` is the picture
-    for browsers without 3D.
+    `path` has the places to look from, see `path_of`. `still` is the picture for browsers without 3D.
     """
     first, instants = next(iter(views.values())), drawing.instants
     data = {
         **drawing.facts,
-        "width": first.width,
-        "height": first.height,
         "step_ms": period_ns / 1e6,
-        "path": {
-            **{key: np.asarray(value).tolist() for key, value in frame._asdict().items()},
-            "near": depths[0] / 4,
-            "far": depths[1] * 4,
-        },
+        "path": path,
         "instants": instants,
     }
-    scripts = (drawing.script, TEMPLATES / "walk.js")
+    scripts = (drawing.script, WALK, TEMPLATES / "moments.js")
     text = (
         environment_of(PACKAGE)
         .get_template(TEMPLATE)

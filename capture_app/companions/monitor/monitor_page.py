@@ -7,6 +7,7 @@ import asyncio
 import contextlib
 import math
 from collections.abc import AsyncIterator, Sequence
+from functools import partial
 from http import HTTPStatus
 from pathlib import Path
 from typing import Any, Literal
@@ -21,6 +22,8 @@ from capture_app.common.errors import IncompleteError, SimulshotError, UnknownMa
 from capture_app.common.names import natural_order
 from capture_app.common.tasks import Background, end
 from capture_app.common.text import UNREADABLE
+from capture_app.common.walk import SKELETONS, WALK
+from capture_app.companions.monitor.people_feed import PeopleFeed
 from capture_app.protocol.orders import EndBurst
 from capture_app.protocol.status import BurstStatus, Preview, RigStatus
 from capture_app.rig.instant_previews import APART_S, Gathering, LeaderMoments, old_from_s
@@ -45,6 +48,8 @@ CLOSE_WIDTH_PX = 1280
 """Width of a camera's that is looked at closely."""
 LIVE = "live"
 """Type of the message that ends pictures which are shown together."""
+PEOPLE = "people"
+"""Type of the message with the people in 3D."""
 SHEET_WIDTH_PX, SHEET_ROWS = 240, 6
 WIGGLE_WIDTH_PX, WIGGLE_STEP_MS = 480, 125
 DEPTH_RUNS = ("moment", "multiview")
@@ -69,6 +74,7 @@ class MonitorFeed:
         """Images of the last take, `take/NAME/KIND`, once a monitor has asked for them."""
         self.live: dict[str, LivePicture] = {}
         """Newest picture of each camera; pictures of one instant are replaced together."""
+        self.people = PeopleFeed(link, partial(self._say, PEOPLE))
         self._gathering = Gathering()
         self._moments = LeaderMoments()
         self._link, self._is_local = link, is_local
@@ -89,6 +95,7 @@ class MonitorFeed:
 
     async def run(self) -> None:
         """Follow the rig and update messages and pictures, until cancelled."""
+        self._background.start(self.people.run())
         try:
             async for update in self._link.updates():
                 match update:
@@ -96,6 +103,7 @@ class MonitorFeed:
                         self._show_live(self._gathering.add(update)[0])
                     case LinkLost():
                         self._moments = LeaderMoments()
+                        self.people.follow(None)
                         self._say("lost", reason=update.reason)
                     case RigStatus():
                         self._moments.hear(update.now_ns, system.monotonic_ns())
@@ -186,6 +194,7 @@ class MonitorFeed:
 
     def _show_status(self, rig: RigStatus) -> None:
         self._rig = rig
+        self.people.follow(rig)
         cameras, titles = {node.name: node for node in rig.cameras}, rig.titles
         self._say(
             "rig",
@@ -324,18 +333,20 @@ class MarkPost(Struct, frozen=True):
 class PageOrder(Struct, frozen=True):
     """Order of a monitor's page.
 
-    seen    acknowledges a picture, or `live` pictures together: the next ones may be sent
+    seen    acknowledges a picture, `live` pictures together or `people`: the next ones may be sent
     look    requests larger pictures of one camera; an empty name ends them
     open    shows a picture of the last take, by its key; empty: none
     take    takes pictures by a plan
     stop    stops the take that has not begun, or the recording
     depth   computes the depth of the last take
+    people  shows people in 3D, or ends that
     """
 
-    type: Literal["seen", "look", "open", "take", "stop", "depth"]
+    type: Literal["seen", "look", "open", "take", "stop", "depth", "people"]
     picture: str = ""
     camera: str = ""
     plan: TakePlan = TakePlan()
+    is_shown: bool = False
 
 
 _DECODER = msgspec.json.Decoder(PageOrder)
@@ -345,7 +356,7 @@ class MonitorPage(PairedPage):
     """Serves the page; any number of monitors share one feed."""
 
     def __init__(self, admission: Admission, feed: MonitorFeed) -> None:
-        super().__init__(admission, Path(__file__).parent / "page")
+        super().__init__(admission, Path(__file__).parent / "page", shared=(WALK, SKELETONS))
         self._feed = feed
 
     def add_routes(self, app: web.Application) -> None:
@@ -383,6 +394,7 @@ class MonitorPage(PairedPage):
                             msgspec.json.encode({"type": "refused", "words": str(error)}).decode()
                         )
             finally:
+                self._feed.people.show_to(monitor, is_shown=False)
                 await end(sending, *monitor.looking)
 
 
@@ -393,7 +405,8 @@ class _Monitor:
         self._link, self._feed, self._changed = link, feed, changed
         self._sent: dict[str, str | bytes] = {}
         """Newest message of each type, and newest picture by key, that the page has got."""
-        self._unacknowledged: set[str] = set()
+        self._unacknowledged = {PEOPLE}
+        """What must not be sent again yet; people are sent to pages that show them alone."""
         self._open = ""
         self.looking: set[asyncio.Task[None]] = set()
         """Task that requests larger pictures of one camera, if any."""
@@ -404,8 +417,10 @@ class _Monitor:
             await self._changed.wait()
             self._changed.clear()
             for kind, text in tuple(self._feed.texts.items()):
-                if self._sent.get(kind) != text:
+                if self._sent.get(kind) != text and kind not in self._unacknowledged:
                     self._sent[kind] = text
+                    if kind == PEOPLE:
+                        self._unacknowledged.add(kind)
                     await self._link.send(text)
             await self._send_live()
             taken = self._feed.pictures.get(self._open)
@@ -457,6 +472,11 @@ class _Monitor:
                 await self._feed.stop()
             case "depth":
                 self._feed.compute_depth()
+            case "people":
+                self._sent.pop(PEOPLE, None)
+                (self._unacknowledged.discard if order.is_shown else self._unacknowledged.add)(PEOPLE)
+                self._feed.people.show_to(self, is_shown=order.is_shown)
+                self._changed.set()
 
 
 @contextlib.asynccontextmanager

@@ -2,7 +2,6 @@
 
 from collections import deque
 from contextlib import ExitStack, suppress
-from statistics import median
 
 import click
 
@@ -88,7 +87,7 @@ async def _run(leader: Address, streams: list[PeopleStream], for_s: float | None
                     stream.send(instant)
                 if as_json:
                     print_json_line(facts_of(instant))
-                elif now_s - due_s >= LINE_EVERY_S and (line := describe(instant, said, titles)) != before:
+                elif now_s - due_s >= LINE_EVERY_S and (line := instant.described(said, titles)) != before:
                     print_line(line)
                     due_s, before = now_s, line
 
@@ -103,16 +102,3 @@ def facts_of(found: PeoplePreview) -> dict[str, object]:
         "absent": found.absent,
         "problem": found.problem,
     }
-
-
-def describe(found: PeoplePreview, times_s: "deque[float]", titles: dict[str, str]) -> str:
-    """Describe an instant in a line, by the times (s) at which the latest ones came."""
-    if found.problem:
-        return found.problem
-    words = [found.counted]
-    errors = [row[3] for person in found.people for row in person.joints.values()]
-    if errors:
-        words.append(f"{count(len(errors), 'joint')}, 95 % error {median(errors):.3g} {found.unit}".strip())
-    words += found.rate_and_delay(times_s)
-    words += [f"without {titles.get(name, name)}: {why}" for name, why in sorted(found.absent.items())]
-    return "; ".join(words)

@@ -5,13 +5,15 @@ a `DepthPreview` or a `PeoplePreview` before the next is sent.
 """
 
 import struct
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from statistics import median
+from typing import Any
 
 import msgspec
 from msgspec import Struct
 
 from capture_app.common.camera_facts import CameraFacts
-from capture_app.common.text import duration
+from capture_app.common.text import count, duration
 
 DEPTH, PEOPLE = "depth", "people"
 WIDTHS_PX = {DEPTH: 320, PEOPLE: 640}
@@ -81,6 +83,10 @@ class PeoplePreview(LivePicture, frozen=True):
     people: tuple[LivePerson, ...] = ()
     joints: tuple[str, ...] = ()
     """Names of all joints of the skeleton."""
+    bones: tuple[tuple[int, int], ...] = ()
+    """Pairs of joints, by their numbers in `joints`, that a bone joins."""
+    path: dict[str, Any] = {}
+    """Places from which a page looks at them, as `path` of a page to walk round in; empty without people."""
     unit: str = ""
     """Unit of length of the calibration, such as m; empty if it has none."""
 
@@ -88,6 +94,20 @@ class PeoplePreview(LivePicture, frozen=True):
     def counted(self) -> str:
         """How many people there are, in words: 1 person, 2 people."""
         return "1 person" if len(self.people) == 1 else f"{len(self.people)} people"
+
+    def described(self, times_s: Sequence[float], titles: Mapping[str, str]) -> str:
+        """Return the instant as a line; `times_s` says when the latest ones came, `titles` names cameras."""
+        if self.problem:
+            return self.problem
+        words = [self.counted]
+        errors = [row[3] for person in self.people for row in person.joints.values()]
+        if errors:
+            words.append(
+                f"{count(len(errors), 'joint')}, 95 % error {median(errors):.3g} {self.unit}".strip()
+            )
+        words += self.rate_and_delay(times_s)
+        words += [f"without {titles.get(name, name)}: {why}" for name, why in sorted(self.absent.items())]
+        return "; ".join(words)
 
 
 def pack(message: Struct) -> bytes:

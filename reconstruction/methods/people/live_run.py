@@ -14,6 +14,7 @@ from capture_app.session.format.live_pictures import (
 from capture_app.session.reading.decoding import encode_image
 from reconstruction.common.geometry import Array, View
 from reconstruction.methods.people.live_people import LivePeople
+from reconstruction.methods.people.people_page import path_around
 from reconstruction.methods.people.people_pictures import draw_joints
 
 BONES = 1 / 80
@@ -45,8 +46,16 @@ def begin(
                 now = [(one.number - 1, one.positions, one.error) for one in found]
                 picture = draw_joints(picture, view, engine.skeleton, now, BONES)
             jpeg = encode_image(picture)
+        points = [row[:3] for person in people for row in person.joints.values()]
         return PeoplePreview(
-            given.instant_ns, given.camera, jpeg, people=(*people,), joints=(*joints,), unit=unit
+            given.instant_ns,
+            given.camera,
+            jpeg,
+            people=(*people,),
+            joints=joints,
+            bones=engine.skeleton.bones,
+            path=path_around(engine.views, np.array(points)) if points else {},
+            unit=unit,
         )
 
     return find

@@ -2,18 +2,25 @@
 
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from capture_app.common.walk import SKELETONS
 from reconstruction.common.camera_paths import frame_of
 from reconstruction.common.geometry import Array, View
 from reconstruction.methods.people.people_run import PeopleInTime
-from reconstruction.pages.walk_page import Drawing, write_walk_page
+from reconstruction.pages.walk_page import Drawing, path_of, write_walk_page
 
 HELD = 64
 """Number of times that the page keeps in the GPU's memory."""
 MAX_TIMES = 2000
 """Most times of a page: of a longer film, evenly spread ones."""
+MIN_HALF = (0.8, 0.4)
+"""Angles (radians) to the side and up that are half an extent at least: bones are seen from all around."""
+MAX_RISE = 1.4
+"""Angle (radians) up or down beyond which the eye would be above its own head."""
+ALL_ROUND = 1e6
 
 
 def write_people_page(
@@ -24,8 +31,6 @@ def write_people_page(
         np.linspace(0, len(people.times_s) - 1, min(len(people.times_s), MAX_TIMES)).astype(int)
     )
     points = np.concatenate([person.positions[np.isfinite(person.error)] for person in people.people])
-    frame = frame_of(views, np.median(points, axis=0))
-    distances = np.concatenate([np.linalg.norm(points - view.centre, axis=1) for view in views.values()])
     instants = [
         {
             "instant": time,
@@ -43,17 +48,26 @@ def write_people_page(
     write_walk_page(
         page,
         name,
-        frame=frame,
-        depths=(float(distances.min()), float(distances.max())),
+        path=path_around(views, points),
         views=views,
         still=still,
         period_ns=round(step_s * 1e9),
         drawing=Drawing(
-            Path(__file__).with_name("page") / "skeletons.js",
+            SKELETONS,
             instants,
-            {
-                "held": HELD,
-                "bones": people.skeleton.bones,
-            },
+            {"held": HELD, "bones": people.skeleton.bones, "whole": True},
         ),
+    )
+
+
+def path_around(views: Mapping[str, View], points: Array) -> dict[str, Any]:
+    """Return the places from which a page looks at points (n, 3), from all around them; see `path_of`."""
+    frame = frame_of(views, np.median(points, axis=0))
+    across, down = np.maximum(frame.half, MIN_HALF).tolist()
+    distances = np.linalg.norm(points - np.array([view.centre for view in views.values()])[:, None], axis=2)
+    return path_of(
+        frame._replace(half=(across, down)),
+        (float(distances.min()), float(distances.max())),
+        views,
+        (ALL_ROUND, (MAX_RISE - abs(frame.middle[1])) / down),
     )

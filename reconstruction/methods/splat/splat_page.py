@@ -11,7 +11,7 @@ import numpy as np
 from reconstruction.common.camera_paths import Frame
 from reconstruction.common.geometry import Array, View
 from reconstruction.methods.splat.gaussians import THIN, Gaussians, quaternions, read_splats, render_gaussians
-from reconstruction.pages.walk_page import Drawing, write_walk_page
+from reconstruction.pages.walk_page import Drawing, path_of, write_walk_page
 
 HELD = 4
 """Number of instants that the page keeps in the GPU's memory."""
@@ -98,8 +98,7 @@ def write_splat_page(
     write_walk_page(
         page,
         name,
-        frame=frame,
-        depths=(float(depths[depths > 0].min()), float(depths.max())),
+        path=path_of(frame, (float(depths[depths > 0].min()), float(depths.max())), views),
         views=views,
         still=render_gaussians(first, frame.view(frame.place(0, 0), shape.width, shape.height)),
         period_ns=period_ns,

@@ -10,7 +10,7 @@ from reconstruction.common.camera_paths import frame_of
 from reconstruction.common.geometry import Array, View
 from reconstruction.depth.seen_moment import Moment, SeenView
 from reconstruction.depth.view_blending import TOLERANCE, render
-from reconstruction.pages.walk_page import Drawing, image_address, write_walk_page
+from reconstruction.pages.walk_page import Drawing, image_address, path_of, write_walk_page
 
 PICTURE_PX, GRID_PX = 960, 480
 """Longest side of the pictures, and of the depth maps whose pixels are the meshes' corners."""
@@ -33,8 +33,11 @@ def write_moments(
     write_walk_page(
         page,
         name,
-        frame=frame,
-        depths=(min(float(depth.min()) for depth in known), max(float(depth.max()) for depth in known)),
+        path=path_of(
+            frame,
+            (min(float(depth.min()) for depth in known), max(float(depth.max()) for depth in known)),
+            cameras,
+        ),
         views=cameras,
         still=render(frame.view(frame.place(0, 0), shape.width, shape.height), first).colours,
         period_ns=period_ns,

@@ -20,6 +20,7 @@ const link = new Link({
   onOpen() {
     document.body.classList.remove("off");
     if (closeUp) link.say("look", {camera: closeUp});
+    askForPeople();
     openPicture();
   },
   onMessage(message) { SHOW[message.type](message); },
@@ -38,6 +39,7 @@ const link = new Link({
 
 const SHOW = {
   live({ages_s: ages}) { showTogether(ages); },
+  people(message) { if (people.isShown) showPeople(message); },
   lost({reason}) { rigLost = reason; showState(); },
   rig(rig) {
     seen("advice").dataset.rig = rig.advice;
@@ -159,14 +161,15 @@ function drawLive(tile, picture, moment) {
   picture.close();
 }
 
+const ago = age => age >= 120 ? `${Math.round(age / 60)} min ago` : `${age.toFixed(age < 1 ? 1 : 0)} s ago`;
+
 function showAges() {
   const now = performance.now() / 1000, newest = Math.max(...[...tiles.values()].map(tile => tile.moment ?? -Infinity));
   for (const {box, camera, moment, said} of tiles.values()) {
     const age = now - moment, old = moment !== null && (age > oldS || newest - moment > apartS);
     box.classList.toggle("old", old);
-    const ago = !old ? "" : age >= 120 ? `${Math.round(age / 60)} min ago` : `${age.toFixed(age < 1 ? 1 : 0)} s ago`;
     const state = !camera || GOOD.includes(camera.state) ? "" : STATES[camera.state] || camera.state;
-    said.textContent = [state, ago].filter(Boolean).join(", ");
+    said.textContent = [state, old ? ago(age) : ""].filter(Boolean).join(", ");
   }
 }
 setInterval(showAges, 1000);

@@ -23,8 +23,8 @@ SIZES = {"phone": (390, 844), "tablet": (1024, 768)}
 class MonitorBrowser:
     """A browser that is asked in a thread, so that the server can answer it."""
 
-    def __init__(self, profile: Path, size: tuple[int, int]) -> None:
-        self._browser = Browser(profile, "--ignore-certificate-errors")
+    def __init__(self, profile: Path, size: tuple[int, int], *flags: str) -> None:
+        self._browser = Browser(profile, "--ignore-certificate-errors", *flags)
         self._size = size
 
     async def open(self, url: str) -> None:
@@ -47,6 +47,10 @@ class MonitorBrowser:
 
     async def tap(self, selector: str) -> None:
         await self.ask(f"document.querySelector({selector!r}).click()")
+
+    def drag(self, selector: str, start: float, end: float) -> None:
+        """Drag across an element, between these fractions of its width."""
+        self._browser.drag(*self._browser.point(selector, start, end))
 
     async def rates(self) -> list[float]:
         """How many pictures of each camera the page has drawn a second."""

@@ -8,7 +8,7 @@ import pytest
 
 from capture_app.common.address import Address
 from capture_app.common.errors import NetworkError
-from capture_app.companions.people.people_command import describe, facts_of
+from capture_app.companions.people.people_command import facts_of
 from capture_app.companions.people.people_streams import OscStream
 from capture_app.session.format.live_pictures import LivePerson, PeoplePreview
 
@@ -48,12 +48,12 @@ def test_an_unknown_host_is_an_error() -> None:
 
 
 def test_a_line_says_who_is_there_how_sure_and_without_whom() -> None:
-    line = describe(FOUND, deque([0.0, 0.125, 0.25]), {"cam2": "Böhm"})
+    line = FOUND.described(deque([0.0, 0.125, 0.25]), {"cam2": "Böhm"})
     assert line == "1 person; 2 joints, 95 % error 0.0469 m; 8.0 a second, 250 ms late; without Böhm: syncing"
-    assert describe(PeoplePreview(0, "", problem="the rig is not calibrated"), deque(), {}) == (
+    assert PeoplePreview(0, "", problem="the rig is not calibrated").described(deque(), {}) == (
         "the rig is not calibrated"
     )
-    assert describe(PeoplePreview(0, ""), deque([0.0]), {}) == "0 people"
+    assert PeoplePreview(0, "").described(deque([0.0]), {}) == "0 people"
 
 
 def test_json_has_every_joint() -> None:

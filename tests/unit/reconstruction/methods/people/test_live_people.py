@@ -3,12 +3,13 @@
 from collections.abc import Mapping
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 
 from benchmarks.people.figure import Floats, Motion, moving
 from capture_app.common.errors import NotApplicableError
-from capture_app.session.format.live_pictures import InstantImages
+from capture_app.session.format.live_pictures import InstantImages, PeoplePreview
 from reconstruction.common.geometry import Array
 from reconstruction.methods.people import live_people as module
 from reconstruction.methods.people import live_run
@@ -136,7 +137,20 @@ def test_what_is_sent_has_the_joints_and_the_picture(monkeypatch: pytest.MonkeyP
     assert set(person.joints) <= set(found.joints) == set(SKELETONS["blazepose"].joints)
     assert all(len(row) == 4 and np.isfinite(row).all() for row in person.joints.values())
     assert found.jpeg.startswith(b"\xff\xd8")
-    assert find(InstantImages(9 * 10**8, "", {}), images(frames, 9)).jpeg == b""
+    assert found.bones == SKELETONS["blazepose"].bones
+    middle = np.median([row[:3] for row in person.joints.values()], axis=0)
+    assert found.path["subject"] == pytest.approx(middle)
+    assert 0 < found.path["near"] < found.path["distance"] < found.path["far"]
+    assert found.path["limits"][0] * found.path["half"][0] > np.pi, "one walks all the way round them"
+    rises = [
+        found.path["middle"][1] + sign * found.path["limits"][1] * found.path["half"][1] for sign in (-1, 1)
+    ]
+    assert np.abs(rises).max() == pytest.approx(1.4), "but never over their heads"
+    alone = find(InstantImages(9 * 10**8, "", {}), images(frames, 9))
+    assert alone.jpeg == b""
+    carried = msgspec.msgpack.decode(msgspec.msgpack.encode(alone), type=PeoplePreview)
+    assert carried.path == alone.path | {"limits": [*alone.path["limits"]]}
+    assert find(InstantImages(10**10, "", {}), {}).path == {}
 
 
 def test_one_calibrated_camera_is_too_few(tmp_path: Path) -> None:

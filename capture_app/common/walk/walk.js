@@ -1,15 +1,11 @@
 "use strict";
-/* A page to walk round in: the place of the eye, time, and what no camera saw. `makePainter` draws the moment.
- * Rig coordinates: x right, y down. */
-(() => {
-  const data = JSON.parse(document.getElementById("moments").textContent);
-  const stage = document.getElementById("stage"), canvas = document.getElementById("canvas");
-  const hint = document.getElementById("hint");
-  const gl = canvas.getContext("webgl2", { antialias: false, alpha: false });
-  if (!gl) {
-    hint.textContent = "This browser shows no 3D (WebGL 2), so here is the view from the middle of the rig.";
-    return;
-  }
+/* Walks round a scene on a canvas: the place of the eye, fingers and keys, and what no camera saw. `makePainter` draws the
+ * scene; `data.path` has the places to look from, in rig coordinates: x right, y down. A painter that covers the whole
+ * picture (`data.whole`) is shown as it is. The canvas' parent is `live` once something is drawn. `onTouch` is called when
+ * a person moves the eye. Returns null if the browser has no WebGL 2. */
+function makeWalk(canvas, data, makePainter, onTouch) {
+  const gl = canvas.getContext("webgl2", { antialias: Boolean(data.whole), alpha: false });
+  if (!gl) return null;
 
   const FLAT = `#version 300 es
   void main() { gl_Position = vec4(vec2((gl_VertexID << 1) & 2, gl_VertexID & 2) * 2.0 - 1.0, 0, 1); }`;
@@ -43,22 +39,25 @@
   const size = gl.getUniformLocation(show, "size"), empty = gl.createVertexArray();
 
   /* What the painter draws into: colours times how much of the pixel is known, which is alpha. */
-  const target = { painted: gl.createFramebuffer(), width: 0, height: 0 };
+  const target = { painted: data.whole ? null : gl.createFramebuffer(), width: 0, height: 0 };
   /* Moving pictures have fewer pixels where the computer is slow; those at rest have all. */
   let coarser = 1, resting = 0;
   function resize() {
-    const ratio = Math.min(window.devicePixelRatio || 1, 2), scale = Math.min(1, 1280 / (canvas.clientWidth * ratio)) / coarser;
+    const device = window.devicePixelRatio || 1, ratio = data.whole ? device : Math.min(device, 2);
+    const scale = (data.whole ? 1 : Math.min(1, 1280 / (canvas.clientWidth * ratio))) / coarser;
     const width = Math.max(2, Math.round(canvas.clientWidth * ratio * scale));
     const height = Math.max(2, Math.round(canvas.clientHeight * ratio * scale));
     if (width === target.width && height === target.height) return;
     Object.assign(target, { width, height });
     canvas.width = width;
     canvas.height = height;
-    gl.deleteTexture(target.means || null);
-    const levels = Math.floor(Math.log2(Math.max(width, height))) + 1;
-    target.means = texture(levels, gl.RGBA8, gl.LINEAR_MIPMAP_NEAREST);
-    gl.bindFramebuffer(gl.FRAMEBUFFER, target.painted);
-    gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0, gl.TEXTURE_2D, target.means, 0);
+    if (!data.whole) {
+      gl.deleteTexture(target.means || null);
+      const levels = Math.floor(Math.log2(Math.max(width, height))) + 1;
+      target.means = texture(levels, gl.RGBA8, gl.LINEAR_MIPMAP_NEAREST);
+      gl.bindFramebuffer(gl.FRAMEBUFFER, target.painted);
+      gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0, gl.TEXTURE_2D, target.means, 0);
+    }
     painter.resize(width, height);
   }
   function texture(levels, format, filter, width = target.width, height = target.height) {
@@ -72,25 +71,6 @@
     return made;
   }
   const painter = makePainter({ gl, data, program, texture, empty, FLAT });
-
-  /* Only a few instants stay in the GPU's memory. */
-  const held = new Map();
-  function moment(number) {
-    if (held.has(number)) {
-      const found = held.get(number);
-      held.delete(number);
-      held.set(number, found);
-      return found;
-    }
-    const made = painter.build(data.instants[number]);
-    held.set(number, made);
-    if (held.size > data.held) {
-      const [oldest, gone] = held.entries().next().value;
-      held.delete(oldest);
-      gone.then(painter.free);
-    }
-    return made;
-  }
 
   /* ---- The eye: a place on the rig's own surface, and how near ---- */
   const eye = { across: 0, down: 0, nearer: 0 };
@@ -108,7 +88,7 @@
   function camera(from) {
     const { subject, spot, scale, distance } = data.path;
     const ahead = unit(add(subject, from, -1)), right = unit(cross(data.path.down, ahead)), down = cross(ahead, right);
-    const wide = target.width, high = target.height, shape = data.width / data.height;
+    const wide = target.width, high = target.height, shape = data.path.shape;
     /* The picture fills a canvas of another shape, but for at most a third of its width or height. */
     const whole = Math.min(wide, high * shape), width = Math.min(Math.max(wide, high * shape), 1.5 * whole);
     const height = width / shape;
@@ -128,7 +108,7 @@
     return { from, matrix, right, down, ahead, focal, cx, cy };
   }
 
-  let now = 0, shown = null, waiting = false, drawn = 0;
+  let shown = null, waiting = false, drawn = 0;
   const sharpen = () => { const usual = coarser; coarser = 1; draw(); coarser = usual; };
   function drawMoving() {
     const begun = performance.now();
@@ -147,6 +127,11 @@
     resize();
     gl.viewport(0, 0, target.width, target.height);
     painter.draw(shown, camera(place()), target, coarser ** -1.5);
+    if (!data.whole) fill();
+    drawn++;
+    canvas.parentElement.classList.add("live");
+  }
+  function fill() {
     gl.bindVertexArray(empty);
     gl.bindFramebuffer(gl.FRAMEBUFFER, null);
     gl.useProgram(show);
@@ -154,46 +139,22 @@
     gl.bindTexture(gl.TEXTURE_2D, target.means);
     gl.generateMipmap(gl.TEXTURE_2D);
     gl.drawArrays(gl.TRIANGLES, 0, 3);
-    drawn++;
-    stage.classList.add("live");
   }
   const redraw = () => { if (!waiting) { waiting = true; requestAnimationFrame(drawMoving); } };
-  async function go(number) {
-    now = number;
-    const made = await moment(number);
-    if (now !== number) return;
-    shown = made;
-    redraw();
-  }
 
-  /* ---- Controls ---- */
+  /* ---- Fingers and keys ---- */
   const limit = (x, most) => Math.min(Math.max(x, -most), most);
   function move(across, down, nearer = 0) {
-    eye.across = limit(eye.across + across, 1.3);
-    eye.down = limit(eye.down + down, 1.3);
+    onTouch();
+    eye.across = limit(eye.across + across, data.path.limits[0]);
+    eye.down = limit(eye.down + down, data.path.limits[1]);
     eye.nearer = Math.min(Math.max(eye.nearer + nearer, -0.4), 0.35);
     redraw();
-  }
-  const swing = document.getElementById("swing");
-  let swinging = false, first = 0;
-  function setSwinging(on) {
-    clearTimeout(first);
-    swinging = on;
-    swing.setAttribute("aria-pressed", String(on));
-    const begun = performance.now() - 4000 / (2 * Math.PI) * Math.asin(limit(eye.across / .9, 1));
-    const step = time => {
-      if (!swinging) return;
-      eye.across = .9 * Math.sin(2 * Math.PI * (time - begun) / 4000);
-      eye.down *= .95;
-      drawMoving();
-      requestAnimationFrame(step);
-    };
-    if (on) requestAnimationFrame(step);
   }
   const fingers = new Map();
   const apart = () => { const [a, b] = fingers.values(); return Math.hypot(a.x - b.x, a.y - b.y); };
   canvas.addEventListener("pointerdown", event => {
-    setSwinging(false);
+    onTouch();
     canvas.setPointerCapture(event.pointerId);
     fingers.set(event.pointerId, { x: event.clientX, y: event.clientY });
   });
@@ -210,7 +171,6 @@
     canvas.addEventListener(end, event => fingers.delete(event.pointerId));
   canvas.addEventListener("wheel", event => {
     event.preventDefault();
-    setSwinging(false);
     move(0, 0, -event.deltaY / 2000);
   }, { passive: false });
   const keys = { ArrowLeft: [-.1, 0], ArrowRight: [.1, 0], ArrowUp: [0, -.1], ArrowDown: [0, .1], "+": [0, 0, .05],
@@ -218,43 +178,15 @@
   canvas.addEventListener("keydown", event => {
     if (!keys[event.key]) return;
     event.preventDefault();
-    setSwinging(false);
     move(...keys[event.key]);
   });
-  swing.addEventListener("click", () => setSwinging(!swinging));
-  document.getElementById("middle").addEventListener("click", () => {
-    setSwinging(false);
-    Object.assign(eye, { across: 0, down: 0, nearer: 0 });
-    redraw();
-  });
-  canvas.addEventListener("webglcontextlost", () => stage.classList.remove("live"));
-  new ResizeObserver(redraw).observe(canvas);
+  canvas.addEventListener("webglcontextlost", () => canvas.parentElement.classList.remove("live"));
+  new ResizeObserver(data.whole ? sharpen : redraw).observe(canvas);
 
-  const slider = document.getElementById("at"), output = document.getElementById("now");
-  const play = document.getElementById("play");
-  if (data.instants.length > 1) {
-    document.getElementById("time").hidden = false;
-    slider.max = data.instants.length - 1;
-    const label = () => { output.textContent = `instant ${data.instants[slider.value].instant}`; };
-    slider.addEventListener("input", () => { label(); go(+slider.value); });
-    label();
-    let timer = 0;
-    const next = async () => {
-      slider.value = (+slider.value + 1) % data.instants.length;
-      label();
-      const begun = performance.now();
-      await go(+slider.value);
-      if (timer) timer = setTimeout(next, Math.max(0, data.step_ms - (performance.now() - begun)));
-    };
-    play.addEventListener("click", () => {
-      timer = timer ? (clearTimeout(timer), 0) : setTimeout(next, 0);
-      play.setAttribute("aria-pressed", String(Boolean(timer)));
-    });
-  }
-  document.getElementById("controls").hidden = false;
-  const still = matchMedia("(prefers-reduced-motion: reduce)").matches;
-  /* The first sight is at rest, with all pixels: moving pictures have fewer where the computer is slow. */
-  go(0).then(() => { if (!still) first = setTimeout(setSwinging, 1500, true); });
-  /* For tests: the eye's place, and how many pictures were drawn. */
-  window.walk = { eye, draw: sharpen, coarse: () => coarser, count: () => drawn, stop: () => setSwinging(false) };
-})();
+  /* Shows a built moment, in fewer pixels where the computer is slow; `showNow` in all, unless a finger moves the eye. */
+  const showMoment = moment => { shown = moment; redraw(); };
+  const showNow = moment => { shown = moment; (fingers.size ? redraw : sharpen)(); };
+  const goToMiddle = () => { Object.assign(eye, { across: 0, down: 0, nearer: 0 }); redraw(); };
+  return { eye, painter, show: showMoment, showNow, goToMiddle, drawMoving, draw: sharpen, coarse: () => coarser,
+    count: () => drawn };
+}

@@ -22,25 +22,25 @@ function makePainter({ gl, data, program }) {
   const screen = { width: 2, height: 2 };
   const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 
-  /* The floor: a grid through the lowest joint of all times, around the people. */
-  const { right, down, ahead } = data.path;
-  const along = axis => data.instants.reduce(([low, high], { people }) => {
-    for (const joint of people.flat()) if (joint) {
-      const at = dot(joint, axis);
-      low = Math.min(low, at);
-      high = Math.max(high, at);
-    }
-    return [low, high];
-  }, [Infinity, -Infinity]);
-  const floor = along(down)[1], ends = [along(right), along(ahead)];
-  const wide = Math.max(...ends.map(([low, high]) => high - low), 1e-6), step = 10 ** Math.round(Math.log10(wide / 3));
-  const ranges = ends.map(([low, high]) => [Math.floor(low / step) - 1, Math.ceil(high / step) + 1]);
-  const place = (a, b) => right.map((x, k) => a * step * x + b * step * ahead[k] + floor * down[k]);
-  const steps = ([low, high]) => Array.from({ length: Math.min(high - low, 60) + 1 }, (_, k) => low + k);
-  const lines = [
-    ...steps(ranges[0]).map(a => [place(a, ranges[1][0]), place(a, ranges[1][1])]),
-    ...steps(ranges[1]).map(b => [place(ranges[0][0], b), place(ranges[0][1], b)]),
-  ];
+  /* The floor: a grid around the people of some instants, as low as their lowest joint usually is. */
+  let lines = [];
+  function layFloor(instants) {
+    const { right, down, ahead } = data.path, joints = instants.map(({ people }) => people.flat().filter(Boolean));
+    const lowest = joints.filter(each => each.length).map(each => Math.max(...each.map(at => dot(at, down))));
+    if (!lowest.length) return;
+    const floor = lowest.sort((a, b) => a - b)[lowest.length >> 1];
+    const ends = [right, ahead].map(axis => joints.flat().reduce(([low, high], at) =>
+      [Math.min(low, dot(at, axis)), Math.max(high, dot(at, axis))], [Infinity, -Infinity]));
+    const wide = Math.max(...ends.map(([low, high]) => high - low), 1e-6), step = 10 ** Math.round(Math.log10(wide / 3));
+    const ranges = ends.map(([low, high]) => [Math.floor(low / step) - 1, Math.ceil(high / step) + 1]);
+    const place = (a, b) => right.map((x, k) => a * step * x + b * step * ahead[k] + floor * down[k]);
+    const steps = ([low, high]) => Array.from({ length: Math.min(high - low, 60) + 1 }, (_, k) => low + k);
+    lines = [
+      ...steps(ranges[0]).map(a => [place(a, ranges[1][0]), place(a, ranges[1][1])]),
+      ...steps(ranges[1]).map(b => [place(ranges[0][0], b), place(ranges[0][1], b)]),
+    ];
+  }
+  layFloor(data.instants);
 
   function draw({ people }, { from, right, down, ahead, focal, cx, cy }, { painted }) {
     const { width, height } = screen, shapes = [], near = data.path.near;
@@ -91,5 +91,5 @@ function makePainter({ gl, data, program }) {
     gl.bindVertexArray(null);
   }
   const resize = (width, height) => Object.assign(screen, { width, height });
-  return { resize, build: async instant => instant, free: () => {}, draw };
+  return { resize, layFloor, build: async instant => instant, free: () => {}, draw };
 }

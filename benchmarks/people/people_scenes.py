@@ -44,6 +44,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Print the scores of all kinds of scenes."""
     parser = new_parser(__doc__)
     parser.add_argument("--seeds", type=int, default=2, help="takes of each kind and rig (2)")
+    parser.add_argument("--first", type=int, default=0, help="number of the first take (0)")
     parser.add_argument("--kinds", nargs="*", default=KINDS, help=", ".join(KINDS))
     parser.add_argument("--cameras", type=int, nargs="*", default=RIGS, help="numbers of cameras (3 4 5 8)")
     parser.add_argument("--late", type=float, default=0.0, help="delay of every second camera, frames (0)")
@@ -53,12 +54,18 @@ def main(arguments: Sequence[str] | None = None) -> None:
         scores = [
             measure(kind, cameras, 5 if kind == "two scales" else 2 + seed % 3, seed, options.late)
             for cameras in options.cameras
-            for seed in range(options.seeds)
+            for seed in range(options.first, options.first + options.seeds)
         ]
         everything += scores
         rows.append({"kind": kind, "takes": len(scores), **_sum(scores).figures()})
     rows.append({"kind": "all", "takes": len(everything), **_sum(everything).figures()})
-    report: Report = {"kind": "simulated", "seeds": options.seeds, "late": options.late, "rows": rows}
+    report: Report = {
+        "kind": "simulated",
+        "seeds": options.seeds,
+        "first": options.first,
+        "late": options.late,
+        "rows": rows,
+    }
     print_report(report, lambda of: print_rows(of["rows"], COLUMNS), as_json=options.json)
 
 

@@ -634,10 +634,10 @@ class _Fit:
                 off.append((late_ms, float(np.hypot(sd_ms, PART_MS))))
         late, sds = np.array(off or [(0.0, 1.0)]).T
         sigmas = (late - np.average(late, weights=sds**-2)) / sds
-        most = int(np.argmax(np.abs(sigmas)))
+        farthest = int(np.argmax(np.abs(sigmas)))
         free = max(1, len(sigmas) - 1)
         clear = sigmas @ sigmas > free + PARTS_SIGMAS * np.sqrt(2 * free)
-        return [float(sigmas[most] * sds[most])] if clear and not rows_ms else []
+        return [float(sigmas[farthest] * sds[farthest])] if clear and not rows_ms else []
 
     def _scatter(self, pull: Array) -> float:
         """Return the standard deviation of a sum of moving points' pulls (n,), of which instants are drawn.

@@ -8,8 +8,9 @@
     python -m benchmarks.reconstruction.depth_confidence --fit              `WEIGHTS`, by 42 other rooms
 
 Right is within 2 % of the true depth. Each row counts the depths of all cameras with a truth; ranges with
-under 1 % of a row's pixels are left out. Rooms whose kinds were fitted, and others, are counted apart, as are
-those of two cameras and those whose calibration could not be checked, which counts as off by 0.5 px.
+under 1 % of a row's pixels are left out. Rooms are counted apart by whether their calibration could be
+checked (if not, it counts as off by 0.5 px), and by whether their kind was fitted, which takes those as
+exact.
 
 All depths of a rig share the error of its poses, so that only many draws of it can be judged together: `±` is
 the standard error of said minus right by the draws, often 10 points with four to eight of them. The draws of
@@ -80,6 +81,7 @@ SUMMARY = {
     "count": ("rows", ""),
     "near": (f"within {100 * NEAR:.0f} points", ".0%"),
     "mean": ("said minus right, mean", "+.1%"),
+    "distance": ("mean distance", ".1%"),
     "too_sure": ("too sure", ""),
     "too_modest": ("too modest", ""),
 }
@@ -95,6 +97,8 @@ class Judged:
     """The terms of `WEIGHTS` (n, terms)."""
     said: Array
     """Confidence of each pixel, by its own camera's misfit."""
+    exact: float
+    """Mean confidence if a calibration that could not be checked counts as exact."""
     right: Array
     misfit_px: float | None
     cpu_s: float
@@ -109,8 +113,7 @@ def judge(case: str, images: Mapping[str, InputImage], truth: Mapping[str, Array
     depths = match_all_views(calibrated, sources, scene.depth_ranges, has_thin=scene.has_thin)
     matched = calibrated, sources, depths
     begun = time.process_time()
-    for _ in measure_support(*matched):
-        pass
+    supports = dict(measure_support(*matched))
     cpu_s = (time.process_time() - begun) / max(len(depths), 1)
     known = {
         name: (view.depth > 0) & (truth[name] > 0) & ~images[name].outside for name, view in depths.items()
@@ -121,11 +124,16 @@ def judge(case: str, images: Mapping[str, InputImage], truth: Mapping[str, Array
         name: np.stack([np.broadcast_to(terms[term], known[name].shape)[known[name]] for term in WEIGHTS], 1)
         for name, terms, _, _ in measure_terms(*matched)
     }
+    exact = [
+        support.confidence(checked.errors_px.get(name, checked.error_px) or 0.0)[known[name]]
+        for name, support in supports.items()
+    ]
     return Judged(
         case,
         len(images),
         np.concatenate([np.zeros((0, len(WEIGHTS))), *terms.values()]),
         np.concatenate([np.zeros(0), *(said[n][known[n]] for n in known)]),
+        float(np.concatenate(exact).mean()) if exact else 0.0,
         np.concatenate([np.zeros(0), *(right_depth(depths[n].depth, truth[n])[known[n]] for n in known)]),
         checked.error_px,
         cpu_s,
@@ -214,18 +222,24 @@ def fit_weights(rooms: Sequence[Judged]) -> dict[str, float]:
 
 
 def summary(rooms: Sequence[Judged]) -> list[dict[str, Any]]:
-    """Return how near the rows of rooms are, by groups of rooms."""
+    """Return how near the rows of rooms are, by groups: each room of more than two cameras is in two."""
     groups: dict[str, list[float]] = {}
     for room in rooms:
-        kind = "kinds fitted" if room.case.split()[0] in FITTED else "kinds not fitted"
-        group = "two cameras" if room.cameras == 2 else kind if room.misfit_px else "calibration not checked"
-        groups.setdefault(group, []).append(float(room.said.mean() - room.right.mean()))
+        said, right = float(room.said.mean()), float(room.right.mean())
+        if room.cameras == 2:
+            groups.setdefault("two cameras", []).append(said - right)
+            continue
+        checked = "checked" if room.misfit_px else "not checked"
+        groups.setdefault(f"calibration {checked}", []).append(said - right)
+        fitted = "fitted" if room.case.split()[0] in FITTED else "not fitted"
+        groups.setdefault(f"kinds {fitted}, exact if not checked", []).append(room.exact - right)
     return [
         {
             "rooms": group,
             "count": len(off),
             "near": float((np.abs(off) <= NEAR).mean()),
             "mean": float(np.mean(off)),
+            "distance": float(np.abs(off).mean()),
             "too_sure": int((np.array(off) > NEAR).sum()),
             "too_modest": int((np.array(off) < -NEAR).sum()),
         }

@@ -1,17 +1,21 @@
 """Reliability of depth's confidence: of pixels said to be right with some probability, how many are.
 
-    python -m benchmarks.reconstruction.depth_confidence            four scenes and the sample sessions
+    python -m benchmarks.reconstruction.depth_confidence            the scenes and the sample sessions
     python -m benchmarks.reconstruction.depth_confidence --cameras 2 --cameras 3     the first ones of a scene
     python -m benchmarks.reconstruction.depth_confidence --pose-error 0.5 --draws 8  cameras turned, px
     python -m benchmarks.reconstruction.depth_confidence --row FOLDER       real images: see `camera_rows`
-    python -m benchmarks.reconstruction.depth_confidence --fit      the table in `depth.confidence`
+    python -m benchmarks.reconstruction.depth_confidence --rooms 72         rooms of `confidence_scenes`
+    python -m benchmarks.reconstruction.depth_confidence --fit              `WEIGHTS`, by 42 other rooms
 
-Right is within 2 % of the true depth. The table was fitted to two of the scenes; the others and the sessions
-judge it. Each row counts the depths of all cameras with a truth; ranges with under 1 % of a row's pixels are
-left out. All depths of a rig share the error of its poses, so that only many draws of it can be judged
-together: `±` is the standard error of said minus right by the draws, often 10 points with four to eight of
-them. The draws of all scenes and pose errors are the same turns, so that rows share their luck. Simulated
-pictures, but for rows of cameras.
+Right is within 2 % of the true depth. Each row counts the depths of all cameras with a truth; ranges with
+under 1 % of a row's pixels are left out. Rooms are counted apart by whether their calibration could be
+checked (if not, it counts as off by 0.5 px), and by whether their kind was fitted, which takes those as
+exact.
+
+All depths of a rig share the error of its poses, so that only many draws of it can be judged together: `±` is
+the standard error of said minus right by the draws, often 10 points with four to eight of them. The draws of
+all scenes and pose errors are the same turns, so that rows share their luck. Simulated pictures, but for rows
+of cameras.
 """
 
 import time
@@ -24,13 +28,18 @@ import cv2
 import numpy as np
 
 from benchmarks.reconstruction.camera_rows import read_row
+from benchmarks.reconstruction.confidence_scenes import FITTED, KINDS, draw_room
 from benchmarks.reconstruction.multiview_scenes import SCENES, Condition, Rendered
 from benchmarks.report import new_parser, print_report, print_rows, talk
 from reconstruction.common.geometry import Array, View
 from reconstruction.depth.rough_scene import find_rough_scene
 from reconstruction.depth.view_choice import choose_source_views
 from reconstruction.method.truth import right_depth
-from reconstruction.methods.multiview.confidence import RIGHT, DepthSupport, measure_support
+from reconstruction.methods.multiview.confidence import (
+    WEIGHTS,
+    measure_support,
+    measure_terms,
+)
 from reconstruction.methods.multiview.input_images import (
     InputImage,
     InputImages,
@@ -44,13 +53,16 @@ from reconstruction.scene.dataset import Dataset
 from reconstruction.scene.moving_pixels import MARGIN_PX, dilate
 from reconstruction.scene.scene import Scene
 
-FITTED = "plain", "blank-attic"
 SESSIONS = tuple(Path("sample_sessions") / name for name in ("jumper", "pinwheel", "naive"))
 INSTANT = 2
 RANGES = tuple(k / 10 for k in range(3, 10))
 """Lower ends of ranges of confidence, each 0.1 wide; the first one begins at 0."""
 CAMERAS = 5
-FITTED_CAMERAS = 2, 3, CAMERAS
+FIRST_FITTED = 1000
+"""First seed of rooms that are fitted."""
+FITTED_PIXELS = 24_000
+NEAR = 0.08
+"""Largest difference of what is said and right of a row that counts as near."""
 MIN_SHARE = 0.01
 COLUMNS = {
     "case": ("case", ""),
@@ -64,14 +76,29 @@ COLUMNS = {
 }
 
 
+SUMMARY = {
+    "rooms": ("rooms", ""),
+    "count": ("rows", ""),
+    "near": (f"within {100 * NEAR:.0f} points", ".0%"),
+    "mean": ("said minus right, mean", "+.1%"),
+    "distance": ("mean distance", ".1%"),
+    "too_sure": ("too sure", ""),
+    "too_modest": ("too modest", ""),
+}
+
+
 @dataclass(frozen=True, eq=False)
 class Judged:
-    """All pixels with depth and truth of one case: what supports their depth, and whether it is right."""
+    """All pixels with depth and truth of one case: what is said of their depth, and whether it is right."""
 
     case: str
-    support: DepthSupport
+    cameras: int
+    terms: Array
+    """The terms of `WEIGHTS` (n, terms)."""
     said: Array
     """Confidence of each pixel, by its own camera's misfit."""
+    exact: float
+    """Mean confidence if a calibration that could not be checked counts as exact."""
     right: Array
     misfit_px: float | None
     cpu_s: float
@@ -83,25 +110,31 @@ def judge(case: str, images: Mapping[str, InputImage], truth: Mapping[str, Array
     checked = check_images(images)
     scene = find_rough_scene(calibrated)
     sources = choose_source_views({name: calibrated[name].view for name in scene.points}, scene.points)
-    found = match_all_views(calibrated, sources, scene.depth_ranges, has_thin=scene.has_thin)
+    depths = match_all_views(calibrated, sources, scene.depth_ranges, has_thin=scene.has_thin)
+    matched = calibrated, sources, depths
     begun = time.process_time()
-    supports = dict(measure_support(calibrated, sources, found))
-    cpu_s = (time.process_time() - begun) / len(found)
+    supports = dict(measure_support(*matched))
+    cpu_s = (time.process_time() - begun) / max(len(depths), 1)
     known = {
-        name: (view.depth > 0) & (truth[name] > 0) & ~images[name].outside for name, view in found.items()
+        name: (view.depth > 0) & (truth[name] > 0) & ~images[name].outside for name, view in depths.items()
     }
-    talk(f"{case}: {len(found)} maps")
-    said, _ = measure_confidence(images, sources, found, checked, 0.0)
-    parts = [
-        [part[known[n]] for part in (s.evidence, s.worth_px, np.asarray(s.rotation_gain), said[n])]
-        for n, s in supports.items()
+    talk(f"{case}: {len(depths)} maps")
+    said, _ = measure_confidence(images, sources, depths, checked, 0.0)
+    terms = {
+        name: np.stack([np.broadcast_to(terms[term], known[name].shape)[known[name]] for term in WEIGHTS], 1)
+        for name, terms, _, _ in measure_terms(*matched)
+    }
+    exact = [
+        support.confidence(checked.errors_px.get(name, checked.error_px) or 0.0)[known[name]]
+        for name, support in supports.items()
     ]
-    evidence, worth_px, rotation_gain, sure = map(np.concatenate, zip(*parts, strict=True))
     return Judged(
         case,
-        DepthSupport(evidence, worth_px, len(images), rotation_gain),
-        sure.astype(np.float32),
-        np.concatenate([right_depth(found[n].depth, truth[n])[known[n]] for n in known]),
+        len(images),
+        np.concatenate([np.zeros((0, len(WEIGHTS))), *terms.values()]),
+        np.concatenate([np.zeros(0), *(said[n][known[n]] for n in known)]),
+        float(np.concatenate(exact).mean()) if exact else 0.0,
+        np.concatenate([np.zeros(0), *(right_depth(depths[n].depth, truth[n])[known[n]] for n in known)]),
         checked.error_px,
         cpu_s,
     )
@@ -123,8 +156,7 @@ def judge_scene(
     for camera, image in images.items():
         known = replace(image.calibrated, moving=dilate(shown.movers[camera], MARGIN_PX))
         images[camera] = replace(image, calibrated=known)
-    fitted = ", fitted" if rendered.name.split()[0] in FITTED else ""
-    return judge(f"{rendered.name}, {condition}, {len(views)} cameras{fitted}", images, shown.depth)
+    return judge(f"{rendered.name}, {condition}, {len(views)} cameras", images, shown.depth)
 
 
 def _turned(view: View, angles: Array) -> View:
@@ -162,23 +194,57 @@ def reliability(draws: Sequence[Judged]) -> dict[str, Any]:
     return row | {"worst": max(differences, key=abs)}
 
 
-def fit_right(judged: list[Judged]) -> dict[float, float]:
-    """Return the fraction of right depths at each evidence of `RIGHT`, which never falls with evidence.
+def judge_rooms(kinds: Sequence[str], first: int, count: int) -> Iterator[Judged]:
+    """Judge rooms of these kinds in turn, by seeds from the first one; those without depth are left out."""
+    for seed in range(first, first + count):
+        judged = judge_scene(draw_room(kinds[seed % len(kinds)], seed), "synced", None, 0.0)
+        if len(judged.right):
+            yield judged
 
-    It is of the pixels whose right match would give a right depth. Each case counts the same. Their
-    calibrations are perfect, whatever their misfits are.
+
+def fit_weights(rooms: Sequence[Judged]) -> dict[str, float]:
+    """Return the weights by which these rooms' right depths are the most probable.
+
+    Each room counts the same. Newton's method, with a slight pull to zero that decides between terms that say
+    the same.
     """
-    places = np.array([*RIGHT])
-    right, measurable = np.zeros(len(places)), np.zeros(len(places))
-    for one in judged:
-        within = one.support.measurable(0.0)
-        for k in range(len(places)):
-            # A pixel between two places counts for both, the nearer one more.
-            weights = np.interp(one.support.evidence, places, np.eye(len(places))[k])
-            right[k] += float((weights * one.right).mean())
-            measurable[k] += float((weights * within).mean())
-    rising = np.maximum.accumulate(right / np.maximum(measurable, 1e-9))
-    return {float(place): round(float(x), 2) for place, x in zip(places, rising, strict=True)}
+    rng, pull = np.random.default_rng(0), 1e-3 / len(rooms)
+    picked = [rng.integers(len(room.right), size=FITTED_PIXELS) for room in rooms]
+    terms = np.concatenate([room.terms[some] for room, some in zip(rooms, picked, strict=True)])
+    right = np.concatenate([room.right[some] for room, some in zip(rooms, picked, strict=True)])
+    weights = np.zeros(len(WEIGHTS))
+    for _ in range(20):
+        said = 1 / (1 + np.exp(-terms @ weights))
+        gradient = terms.T @ (right - said) / len(right) - pull * weights
+        curvature = (terms * (said * (1 - said))[:, None]).T @ terms / len(right)
+        weights += np.linalg.solve(curvature + pull * np.eye(len(weights)), gradient)
+    return {name: round(float(weight), 2) for name, weight in zip(WEIGHTS, weights, strict=True)}
+
+
+def summary(rooms: Sequence[Judged]) -> list[dict[str, Any]]:
+    """Return how near the rows of rooms are, by groups: each room of more than two cameras is in two."""
+    groups: dict[str, list[float]] = {}
+    for room in rooms:
+        said, right = float(room.said.mean()), float(room.right.mean())
+        if room.cameras == 2:
+            groups.setdefault("two cameras", []).append(said - right)
+            continue
+        checked = "checked" if room.misfit_px else "not checked"
+        groups.setdefault(f"calibration {checked}", []).append(said - right)
+        fitted = "fitted" if room.case.split()[0] in FITTED else "not fitted"
+        groups.setdefault(f"kinds {fitted}, exact if not checked", []).append(room.exact - right)
+    return [
+        {
+            "rooms": group,
+            "count": len(off),
+            "near": float((np.abs(off) <= NEAR).mean()),
+            "mean": float(np.mean(off)),
+            "distance": float(np.abs(off).mean()),
+            "too_sure": int((np.array(off) > NEAR).sum()),
+            "too_modest": int((np.array(off) < -NEAR).sum()),
+        }
+        for group, off in sorted(groups.items())
+    ]
 
 
 def cases(
@@ -198,6 +264,13 @@ def cases(
                     yield list(drawn)
 
 
+def print_rooms(report: dict[str, Any]) -> None:
+    """Print the rows of rooms, and their summary."""
+    print_rows(report["rows"], COLUMNS)
+    print()
+    print_rows(report["groups"], SUMMARY)
+
+
 def main() -> None:
     """Print a table, or JSON."""
     parser = new_parser(__doc__)
@@ -212,10 +285,17 @@ def main() -> None:
     )
     parser.add_argument("--pose-error", type=float, default=0.0, metavar="PX", help="of the scenes' cameras")
     parser.add_argument("--draws", type=int, default=1, help="of the pose error, counted as one case")
-    parser.add_argument("--fit", action="store_true", help=f"to {' and '.join(FITTED)}, and print the table")
+    parser.add_argument("--rooms", type=int, metavar="N", help="drawn rooms instead of all else")
+    parser.add_argument("--fit", action="store_true", help="to --rooms of other seeds [default: 42]")
     asked = parser.parse_args()
     if asked.fit:
-        print(fit_right([one for (one,) in cases(FITTED, FITTED_CAMERAS, 0.0, conditions=("synced",))]))
+        rooms = list(judge_rooms([*FITTED], FIRST_FITTED, asked.rooms or 42))
+        print(fit_weights([room for room in rooms if room.cameras > 2]))
+        return
+    if asked.rooms:
+        rooms = list(judge_rooms([*KINDS], 0, asked.rooms))
+        report = {"rows": [reliability([room]) for room in rooms], "groups": summary(rooms)}
+        print_report(report, print_rooms, as_json=asked.json)
         return
     if asked.row:
         judged = [

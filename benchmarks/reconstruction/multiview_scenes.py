@@ -95,7 +95,7 @@ def plain(width: int = 640, height: int = 480) -> Rendered:
             at_s = offset_ms / 1000
             things = [*still, *_moving_things(o3d, at_s)]
             rng = np.random.default_rng(number + 31 * offset_ms % 97)
-            pictures[name], depth[name], which = _shoot(o3d, views[name], things, rng)
+            pictures[name], depth[name], which = shoot_view(o3d, views[name], things, rng)
             movers[name] = which >= len(still)
         return Condition(pictures, depth, movers)
 
@@ -122,14 +122,21 @@ def _clutter(
     for number, (x, y) in enumerate(places):
         turn = cv2.Rodrigues(np.array([-y, x, 0]) / looked_at_m)[0]
         views[f"cam{number}"] = replace(base, rotation=turn, translation=-turn @ np.array([x, y, 0]))
-    things = [(_box(o3d, np.array([0, 0, 4.6]), (12, 8, 0.1), (0.1, -0.2, 0)), _paint(seed, 14.0, (1, 1, 1)))]
+    things = [
+        (
+            make_box(o3d, np.array([0, 0, 4.6]), (12, 8, 0.1), (0.1, -0.2, 0)),
+            make_paint(seed, 14.0, (1, 1, 1)),
+        )
+    ]
     for number in range(14):
         centre = np.array([*rng.uniform((-1.6, -1.1, 2.2), (1.6, 1.1, 4.0))])
-        box = _box(o3d, centre, tuple(rng.uniform(0.2, 0.9, 3)), tuple(rng.uniform(-0.8, 0.8, 3)))
-        things.append((box, _paint(100 * seed + number, rng.uniform(6, 30), tuple(rng.uniform(0.6, 1.1, 3)))))
+        box = make_box(o3d, centre, tuple(rng.uniform(0.2, 0.9, 3)), tuple(rng.uniform(-0.8, 0.8, 3)))
+        things.append(
+            (box, make_paint(100 * seed + number, rng.uniform(6, 30), tuple(rng.uniform(0.6, 1.1, 3))))
+        )
     pictures, depth, movers = {}, {}, {}
     for camera, view in views.items():
-        pictures[camera], depth[camera], which = _shoot(o3d, view, things, rng)
+        pictures[camera], depth[camera], which = shoot_view(o3d, view, things, rng)
         movers[camera] = np.zeros(which.shape, bool)
     still = Condition(pictures, depth, movers)
     return Rendered(f"{name} {size[0]}x{size[1]}", views, still, still)
@@ -141,8 +148,8 @@ def plain_pair(baseline: float = 0.2) -> tuple[Array, Array, Array, float]:
     left = View(640, 480, _matrix(640, 480), np.zeros(5), np.eye(3), np.zeros(3))
     right = replace(left, translation=np.array([-baseline, 0, 0]))
     things = [*_still_things(o3d), *_moving_things(o3d, 0.0)]
-    first, depth, _ = _shoot(o3d, left, things, np.random.default_rng(0))
-    second, _, _ = _shoot(o3d, right, things, np.random.default_rng(1))
+    first, depth, _ = shoot_view(o3d, left, things, np.random.default_rng(0))
+    second, _, _ = shoot_view(o3d, right, things, np.random.default_rng(1))
     return first, second, depth, left.focal * baseline
 
 
@@ -151,7 +158,7 @@ def _matrix(width: int, height: int) -> Array:
     return np.array([[focal, 0, (width - 1) / 2], [0, focal, (height - 1) / 2], [0, 0, 1.0]])
 
 
-def _paint(seed: int, contrast: float, tint: tuple[float, float, float], finest: int = 10) -> Array:
+def make_paint(seed: int, contrast: float, tint: tuple[float, float, float], finest: int = 10) -> Array:
     """Return cloudy noise, float32 1024 x 1024 x 3 around mid-grey times `tint`."""
     rng = np.random.default_rng(seed)
     image = np.zeros((1024, 1024), np.float32)
@@ -162,7 +169,10 @@ def _paint(seed: int, contrast: float, tint: tuple[float, float, float], finest:
     return (120 + image)[..., None] * np.array(tint, np.float32)
 
 
-def _box(o3d: Any, centre: Array, size: tuple[float, float, float], turn: tuple[float, float, float]) -> Any:
+def make_box(
+    o3d: Any, centre: Array, size: tuple[float, float, float], turn: tuple[float, float, float]
+) -> Any:
+    """Return a box of a size (m) at a centre, turned by a rotation vector (radians)."""
     mesh = o3d.geometry.TriangleMesh.create_box(*size).translate(-np.array(size) / 2)
     mesh.rotate(cv2.Rodrigues(np.array(turn))[0], center=(0, 0, 0))
     return mesh.translate(centre)
@@ -171,39 +181,50 @@ def _box(o3d: Any, centre: Array, size: tuple[float, float, float], turn: tuple[
 def _still_things(o3d: Any) -> list[tuple[Any, Array]]:
     rods = o3d.geometry.TriangleMesh()
     for x in np.linspace(-0.9, 0.9, 7):
-        rods += _box(o3d, np.array([x, 0.1, 2.7 + 0.1 * x]), (0.025, 1.6, 0.025), (0, 0, 0.1 * x))
+        rods += make_box(o3d, np.array([x, 0.1, 2.7 + 0.1 * x]), (0.025, 1.6, 0.025), (0, 0, 0.1 * x))
     return [
-        (_box(o3d, np.array([0, 0, 5.2]), (9, 6, 0.1), (0, 0.12, 0)), _paint(11, 7.0, (0.9, 1.0, 1.1))),
         (
-            _box(o3d, np.array([0, 1.15, 3.0]), (9, 0.1, 9), (0.02, 0, 0.03)),
-            _paint(12, 22.0, (0.7, 0.9, 1.0)),
+            make_box(o3d, np.array([0, 0, 5.2]), (9, 6, 0.1), (0, 0.12, 0)),
+            make_paint(11, 7.0, (0.9, 1.0, 1.1)),
         ),
         (
-            _box(o3d, np.array([1.2, 0.7, 3.6]), (1.1, 0.1, 1.6), (0.6, 0.3, 0)),
-            _paint(13, 9.0, (1, 0.8, 0.7)),
+            make_box(o3d, np.array([0, 1.15, 3.0]), (9, 0.1, 9), (0.02, 0, 0.03)),
+            make_paint(12, 22.0, (0.7, 0.9, 1.0)),
         ),
         (
-            _box(o3d, np.array([-1.3, 0.7, 3.4]), (0.7, 0.9, 0.7), (0, 0.5, 0)),
-            _paint(14, 28.0, (0.8, 1.1, 0.8)),
+            make_box(o3d, np.array([1.2, 0.7, 3.6]), (1.1, 0.1, 1.6), (0.6, 0.3, 0)),
+            make_paint(13, 9.0, (1, 0.8, 0.7)),
         ),
-        (rods, _paint(15, 30.0, (0.6, 0.6, 1.2))),
+        (
+            make_box(o3d, np.array([-1.3, 0.7, 3.4]), (0.7, 0.9, 0.7), (0, 0.5, 0)),
+            make_paint(14, 28.0, (0.8, 1.1, 0.8)),
+        ),
+        (rods, make_paint(15, 30.0, (0.6, 0.6, 1.2))),
     ]
 
 
 def _moving_things(o3d: Any, at_s: float) -> list[tuple[Any, Array]]:
     place = np.array([0.15 + 1.6 * at_s, -0.1 - 2.2 * at_s + 4.9 * at_s**2, 2.1])
-    return [(_box(o3d, place, (0.5, 0.45, 0.3), (0.3, 0.4 + 3 * at_s, 0.1)), _paint(16, 26.0, (1, 0.9, 0.9)))]
+    return [
+        (
+            make_box(o3d, place, (0.5, 0.45, 0.3), (0.3, 0.4 + 3 * at_s, 0.1)),
+            make_paint(16, 26.0, (1, 0.9, 0.9)),
+        )
+    ]
 
 
-def _shoot(
-    o3d: Any, view: View, things: list[tuple[Any, Array]], rng: np.random.Generator
+def shoot_view(
+    o3d: Any, view: View, things: list[tuple[Any, Array]], rng: np.random.Generator, noise: float = 1.5
 ) -> tuple[Array, Array, Array]:
-    """Render an image with 2 x 2 samples per pixel and noise, true depth, and the visible object's index."""
+    """Render an image with 2 x 2 samples per pixel, true depth, and the visible object's index.
+
+    `noise` is its standard deviation, grey levels.
+    """
     light = np.zeros((view.height, view.width, 3), np.float32)
     for right, down in ((-0.25, -0.25), (0.25, -0.25), (-0.25, 0.25), (0.25, 0.25)):
         light += _cast(o3d, view, things, right, down)[0] / 4
     _, depth, which = _cast(o3d, view, things, 0.0, 0.0)
-    noisy = light + rng.normal(0, 1.5, light.shape)
+    noisy = light + rng.normal(0, noise, light.shape)
     return np.clip(noisy, 0, 255).astype(np.uint8), depth, which
 
 

@@ -35,8 +35,8 @@ def see_moments(
 ) -> Iterator[SeenInstant]:
     """Yield each instant with depth of all cameras that have it, under a condition.
 
-    Several instants share what stands still. Cameras `without` take no part, nor does depth of less than
-    `min_evidence` (-2 to 1.5). Outside `masks`, a folder, pictures are black and without depth.
+    Several instants share what stands still. Cameras `without` take no part, nor does depth whose log odds of
+    being right are below `min_evidence`. Outside `masks`, a folder, pictures are black and without depth.
 
     Raises as the method does, and as `read_mask`.
     """

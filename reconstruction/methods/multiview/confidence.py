@@ -1,8 +1,8 @@
 """Confidence of depth: the probability of each pixel's depth to be within 2 % of the true one.
 
-It has two factors. One is how often pixels with such votes of the other views and such surroundings are
-right, from a table that was measured (`RIGHT`). The other is how well the calibration can measure 2 % of
-depth there.
+It is the lower of two. One is how often pixels with such votes of the other views and such surroundings are
+right, by a logistic regression (`WEIGHTS`). The other is how well the calibration can measure 2 % of depth
+there.
 """
 
 import math
@@ -19,6 +19,8 @@ from reconstruction.depth.plane_sweep import Surface
 from reconstruction.depth.sweep_kernels import Agreement, compare_surfaces
 from reconstruction.methods.multiview.sweep_matcher import ViewDepth, voting_views
 
+Terms = dict[str, Array | float]
+"""What is known of the depths of a view, by the names of `WEIGHTS`; arrays are float32 height x width."""
 TOLERANCE = 0.02
 """Relative error up to which a depth is right, as in `reconstruction.method.truth`."""
 CLOSE = 0.005
@@ -26,30 +28,30 @@ CLOSE = 0.005
 JUMP = 0.04
 """Relative change of depth between neighbouring pixels that is an edge."""
 FAR_FROM_EDGES_PX = 20
-CLOSELY, BESIDE_EDGE = 0.5, 0.75
-"""Weights of the views that agree closely, and of the neighbourhood of an edge, beside those that agree."""
-AGAINST = 0.25
-"""Number of views that are taken to disagree, so that one view is less evidence than several."""
-IN_FRONT, HOLES, UNEVEN = 0.2, 0.7, 0.4
-"""Weights against depth in front of another surface, as windows widen objects; of the fraction of the
-neighbourhood without depth; and of depth that differs from the median of its neighbours."""
 AROUND_PX, MEDIAN_PX = 15, 5
 """Sides of the neighbourhoods of the surroundings and of the median."""
 MAX_STEP, MAX_UNEVEN = 0.1, 0.02
 """Relative differences of depth from which a step, and a difference from the median, count in full."""
-RIGHT = {
-    -1.0: 0.35,
-    -0.5: 0.45,
-    -0.25: 0.55,
-    0.0: 0.65,
-    0.25: 0.75,
-    0.5: 0.85,
-    0.75: 0.92,
-    1.0: 0.97,
-    1.25: 0.99,
-    1.5: 0.99,
+AGAINST = 0.25
+"""Number of views that are taken to disagree, so that one view is less evidence than several."""
+WEIGHTS = {
+    "constant": -11.36,
+    "agreeing": 2.07,
+    "close": 0.6,
+    "beside": -1.45,
+    "in_front": -0.48,
+    "holes": -2.3,
+    "uneven": -0.51,
+    "all_agreeing": 12.67,
+    "all_uneven": -8.26,
 }
-"""Fraction of right depths by a pixel's evidence, fitted by `benchmarks.reconstruction.depth_confidence`."""
+"""Log odds of a right depth by each term: a constant; the fractions of the views able to see the surface that
+agree, and that agree closely; the nearness of an edge, 1 at it; depth in front of another surface, as windows
+widen objects; the fraction of the neighbourhood without depth; and depth that differs from the median of its
+neighbours. The last two are of the whole map, as faults come together: the fraction of all votes that agree,
+and its mean unevenness. All terms are 0 to 1.
+
+Fitted by `make bench NAME=confidence BENCH=--fit` on 2026-11-30, to 36 rooms of three to eight cameras."""
 ASSUMED_RESIDUAL_PX = 0.5
 """Misfit of a calibration that could not be checked."""
 MATCHING_PX, POINTS_PX = 0.1, 0.08
@@ -73,7 +75,7 @@ class DepthSupport(NamedTuple):
     """What is known of the depths of a view; the arrays are float32 height x width."""
 
     evidence: Array
-    """Fraction of the views able to see the surface that agree, plus weighted terms; -2.0 to 1.5."""
+    """Log odds of a right depth if the calibration is exact: the sum of all terms by `WEIGHTS`."""
     worth_px: Array
     """Motion in another view, px, by 2 % of the depth: the largest of all views."""
     cameras: int = 2
@@ -83,8 +85,9 @@ class DepthSupport(NamedTuple):
 
     def confidence(self, residual_px: float | None, scale_error: float = 0.0) -> Array:
         """Return the probability that depth is right, 0 to 1, by the calibration's misfit (px) and scale."""
-        right = np.interp(self.evidence, [*RIGHT], [*RIGHT.values()])
-        return np.asarray(right * self.measurable(residual_px, scale_error), np.float32)
+        right = 1 / (1 + np.exp(-self.evidence))
+        # Errors of the calibration also lower the votes: a product would count them twice.
+        return np.minimum(right, self.measurable(residual_px, scale_error)).astype(np.float32)
 
     def confidence_if_turned(
         self, residual_px: float | None, scale_error: float = 0.0
@@ -131,20 +134,34 @@ def measure_support(
     sources: Mapping[str, Sequence[str]],
     depths: Mapping[str, ViewDepth],
 ) -> Iterator[tuple[str, DepthSupport]]:
-    """Yield each camera with what supports its depth, from the surfaces of all cameras' `found` depth.
+    """Yield each camera with what supports its depth, from the surfaces of all cameras.
 
     `sources` are the cameras that each was matched with. COLMAP's maps, without a surface, are left out.
     """
+    for name, terms, worth_px, gain in measure_terms(images, sources, depths):
+        evidence = sum(weight * terms[term] for term, weight in WEIGHTS.items())
+        yield name, DepthSupport(np.asarray(evidence), worth_px, len(images), gain)
+
+
+def measure_terms(
+    images: Mapping[str, CalibratedImage],
+    sources: Mapping[str, Sequence[str]],
+    depths: Mapping[str, ViewDepth],
+) -> Iterator[tuple[str, Terms, Array, Array]]:
+    """Yield each camera with the terms of its depth, and its `worth_px` and `rotation_gain`."""
     surfaces = {name: view.surface for name, view in depths.items() if view.surface is not None}
     for name, surface in surfaces.items():
         others = voting_views(name, sources, surfaces)
         voters = [(SourceView(images[name], images[other]), surfaces[other]) for other in others]
-        evidence, worth_px, gain = _votes(surface, voters)
-        yield name, DepthSupport(evidence - _surroundings(depths[name], surface), worth_px, len(images), gain)
+        known = depths[name].depth > 0
+        votes, worth_px, gain = _votes(surface, voters, known)
+        yield name, votes | _surroundings(surface, known), worth_px, gain
 
 
-def _votes(surface: Surface, voters: Sequence[tuple[SourceView, Surface]]) -> tuple[Array, Array, Array]:
-    """Return the evidence by other views, their motion by `TOLERANCE` of the depth, px, and `rotation_gain`.
+def _votes(
+    surface: Surface, voters: Sequence[tuple[SourceView, Surface]], known: Array
+) -> tuple[Terms, Array, Array]:
+    """Return the terms by other views, their motion by `TOLERANCE` of the depth, px, and `rotation_gain`.
 
     The gain is of the least squares of all views' motions: a turn of a view moves its own match, one of this
     camera moves all of them alike, so that only motions to opposite sides make up for it.
@@ -165,22 +182,27 @@ def _votes(surface: Surface, voters: Sequence[tuple[SourceView, Surface]]) -> tu
         squares += (moved**2).sum(0)
         np.maximum(worth, np.hypot(*moved), out=worth)
     gain = worth * np.sqrt(squares + (motions**2).sum(0)) / np.maximum(squares, 1e-12)
-    return (agreeing + CLOSELY * close) / (able + AGAINST), worth, gain
+    terms: Terms = {
+        "agreeing": agreeing / (able + AGAINST),
+        "close": close / (able + AGAINST),
+        "all_agreeing": float(agreeing[known].sum()) / max(float(able[known].sum()), 1.0),
+    }
+    return terms, worth, gain
 
 
-def _surroundings(view: ViewDepth, surface: Surface) -> Array:
-    """Return what the surroundings in the view's own depth map say against its depth, 0 to 2."""
+def _surroundings(surface: Surface, known: Array) -> Terms:
+    """Return the terms by the surroundings in the view's own depth map, which is `known` there."""
     level = np.maximum(surface.inverse_depth, 1e-12)
-    beside = 1 / (1 + _distance_to_edges(level))
     step = np.log(level / cv2.erode(level, np.ones((AROUND_PX, AROUND_PX))))
-    holes = 1 - cv2.blur((view.depth > 0).astype(np.float32), (AROUND_PX, AROUND_PX))
-    uneven = np.abs(level / cv2.medianBlur(level, MEDIAN_PX) - 1)
-    return np.asarray(
-        BESIDE_EDGE * beside
-        + IN_FRONT * np.minimum(step / MAX_STEP, 1)
-        + HOLES * holes
-        + UNEVEN * np.minimum(uneven / MAX_UNEVEN, 1)
-    )
+    uneven = np.minimum(np.abs(level / cv2.medianBlur(level, MEDIAN_PX) - 1) / MAX_UNEVEN, 1)
+    return {
+        "constant": 1.0,
+        "beside": 1 / (1 + _distance_to_edges(level)),
+        "in_front": np.minimum(step / MAX_STEP, 1),
+        "holes": 1 - cv2.blur(known.astype(np.float32), (AROUND_PX, AROUND_PX)),
+        "uneven": uneven,
+        "all_uneven": float(uneven[known].sum()) / max(int(known.sum()), 1),
+    }
 
 
 def _moved_px(view: SourceView, level: Array) -> Array:

@@ -53,7 +53,7 @@ class MultiviewOptions(Method, frozen=True, kw_only=True, dict=True):
     workspace: bool = True
     """Whether to write the maps as a COLMAP workspace, which needs pycolmap."""
     min_evidence: float | None = None
-    """Evidence (-2 to 1.5) below which depth is left out of moments, as splats take them."""
+    """Log odds of a right depth below which it is left out of moments, as splats take them."""
     check: bool = True
     """Whether to check the calibration by points at rest in the images."""
     quick: Annotated[

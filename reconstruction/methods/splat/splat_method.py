@@ -14,8 +14,8 @@ if TYPE_CHECKING:
     from reconstruction.scene.scene import Scene
 
 
-MIN_EVIDENCE = -0.5
-"""Evidence of depth below which a pixel gives no Gaussian: less than half of such pixels are right."""
+MIN_EVIDENCE = -0.2
+"""Log odds of a right depth below which a pixel gives no Gaussian: those of 45 %."""
 
 
 class SplatMethod(SplatOptions, frozen=True, kw_only=True):

@@ -108,7 +108,7 @@ def test_the_scale_of_refined_poses_is_as_uncertain_as_it_says() -> None:
 
 
 def test_depth_of_an_uncertain_scale_is_not_sure() -> None:
-    support = DepthSupport(np.array([[1.5, 1.5]]), np.array([[8.0, 0.1]]))
+    support = DepthSupport(np.array([[4.6, 4.6]]), np.array([[8.0, 0.1]]))
     sure, no_more = support.confidence(0.1)[0], support.confidence(0.1, 0.02)[0]
     assert sure[0] > 0.98
     # One standard deviation of the scale is the 2 % within which depth is right.

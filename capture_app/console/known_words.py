@@ -21,6 +21,7 @@ OVERVIEW = (
 """What the answer to an unknown command shows."""
 _COMMANDS = {
     "capture-app": {
+        "capture-app status --watch": "follow tail logs-f log-f logs-follow",
         "capture-app rig list": "ps rigs log logs logcat container containers process processes events "
         "journal dmesg",
         "capture-app burst": "capture shoot take snap photo picture snapshot shot trigger frames grab arm "
@@ -85,8 +86,8 @@ _COMMANDS = {
         "hstack vstack add-videos add-new-videos import pull-video download-footage add-footage "
         "open-folder multicam-sync align-videos sync-audio stitch-videos input-files convert-video",
         "capture-app sessions sheet SESSION": "contact-sheet thumbnails sheet",
-        "capture-app demo": "simulate sim simulated simulation fake virtual virtual-camera hello "
-        "test-pattern testsrc example virtualcam virtual-cam test-source mock dry-run tutorial "
+        "capture-app demo": "simulate sim simulated simulation fake virtual hello "
+        "test-pattern testsrc example test-source mock dry-run tutorial "
         "quickstart getting-started try samples",
         "capture-app sessions show SESSION": "inspect describe probe info details metadata timestamps "
         "checkout ffprobe summary size mediainfo exif exiftool properties show stat cat head about "
@@ -221,7 +222,7 @@ _COMMANDS = {
         "meshroom odm mvsnet cloudcompare dust3r vggt 3d-model pcshow pcd openmvs reconstruction-3d "
         "dense-reconstruction fuse fused tsdf-fusion poisson-recon depth-fusion depthanything midas "
         "scene",
-        "reconstruct multiview SESSION --mesh --out DIR": "mesh poisson mesher poisson-mesher",
+        "reconstruct multiview SESSION --mesh --out DIR": "glb gltf mesh poisson mesher poisson-mesher",
         "reconstruct stereo SESSION --out DIR": "disparity sgbm pair rectify stereo-image-proc bm depth-pair "
         "stereo-match",
         "reconstruct calibrate SESSION --mark CAMERA=X,Y --distance-m M": "scale align-gcp gcp",
@@ -249,6 +250,8 @@ _COMMANDS = {
         "render-output open3d meshlab gif film movie mp4 webp",
         "reconstruct time SESSION": "sync synchronize align offset offsets synchronise time-sync genlock "
         "audio-sync",
+        "reconstruct people SESSION --keypoints FOLDER --out DIR": "import-keypoints import-labels "
+        "load-keypoints load-labels",
         "reconstruct people SESSION --out DIR": "gait angles pose2d pose3d markerless pose skeleton mocap "
         "joints keypoints motion-capture human body triangulate c3d bvh trc freemocap mediapipe "
         "openpose opencap anipose deeplabcut dlc fbx label labeled label-3d filter filter-3d "
@@ -398,7 +401,7 @@ _OPTIONS = {
     "--yes": "y force",
     "--jobs": "j threads workers parallel num-workers",
     "--from": "method mode using",
-    "--square-mm": "square square-size square-length size",
+    "--square-mm": "square square-size square-length size charuco-square-size checker-size",
     "--marker-mm": "marker marker-size marker-length",
     "--watch": "follow f w",
     "--stop": "end finish",
@@ -469,7 +472,11 @@ _WEAK = {
 _SOURCES = ("capture-app burst", "capture-app record", "capture-app node", "capture-app preview")
 """Commands that make footage: a file that is named beside them is not imported first."""
 _MODELS = (".glb", ".gltf", ".obj", ".ply", ".usdz")
-_OF_A_SESSION = {"reconstruct": "reconstruct compare", "capture-app": "capture-app sessions show"}
+_OF_A_SESSION = {
+    "reconstruct": "reconstruct compare SESSION --out DIR",
+    "capture-app": "capture-app sessions show SESSION",
+}
+"""What a session in place of a command means where no other word of the line says it."""
 _NUMBERS = {
     "integer": "a whole number",
     "integer range": "a whole number",
@@ -557,7 +564,7 @@ def advise(error: click.UsageError, typed_line: Sequence[str] = ()) -> str:
     extra = _TOO_MANY.fullmatch(error.message.rstrip("."))
     if error.ctx is None or not (extra or isinstance(error, click.NoSuchOption | click.NoSuchCommand)):
         return _in_our_words(error, typed_line)
-    if place := _at_place(error, error.ctx, footage):
+    if place := _at_place(error, error.ctx, typed_line, footage):
         return place
     unknown, typed = _unknown(error, extra[1] if extra else "", typed_line)
     if extra and not footage and (option := _option_for(extra[1], error.ctx)):
@@ -569,9 +576,10 @@ def advise(error: click.UsageError, typed_line: Sequence[str] = ()) -> str:
     after, before = words[at + 1 :], [word for word in words[:at] if word not in path.split()]
     # Of two words, such as `grab video`, both together decide. A word of two meanings: `info take1` is about
     # a session, `info` about the rig.
-    sure = [line for word in after[:1] for line in own.lines(typed + word.lstrip("-"))] + sorted(
-        own.lines(typed), key=lambda line: line.split(" -")[0][-1:].isupper() is not bool(after)
-    )
+    of_session = _COMMANDS["capture-app sessions"] if any(map(_session_at, after)) else {}
+    sure = [line for word in after[:1] for line in own.lines(typed + word.lstrip("-"))]
+    sure += _Tables(of_session).lines(typed)
+    sure += sorted(own.lines(typed), key=lambda line: line.split(" -")[0][-1:].isupper() is not bool(after))
     near = names if isinstance(error, click.NoSuchCommand) else _options(error.ctx)
     if not sure and (close := get_close_matches(typed.casefold(), near, 1, _CLOSE)):
         return f"{unknown}. Did you mean '{close[0]}'?"
@@ -644,23 +652,38 @@ def _takes(ctx: click.Context) -> str:
     )
 
 
-def _at_place(error: click.UsageError, ctx: click.Context, footage: str) -> str:
+def _at_place(error: click.UsageError, ctx: click.Context, typed_line: Sequence[str], footage: str) -> str:
     """Return what to do with a file, a session or a folder in place of a command; empty for others."""
     word = error.command_name if isinstance(error, click.NoSuchCommand) else ""
     then = _OF_A_SESSION.get(ctx.find_root().command_path, "")
     if word.casefold().endswith(FOOTAGE):
-        return (
-            f"'{word}' is a file: capture-app sessions import {footage or word} imports it, "
-            f"then {then} SESSION"
-        )
-    for place in (Path(word), Path("sessions", word)):
-        if word and os.path.isfile(place / "session.json"):  # noqa: PTH113 - no word makes it raise
-            return f"'{word}' is a session; the command comes first: {then} {place}{OVERVIEW}"
+        return f"'{word}' is a file: capture-app sessions import {footage or word} imports it, then {then}"
+    # A program without a command is asked by all words of its line.
+    words = [word] if word else typed_line[:_MAX_WORDS] if ctx.parent is None else []
+    for session, place in ((word, place) for word in words if (place := _session_at(word))):
+        others = [word for word in typed_line[:_MAX_WORDS] if word != session and len(word.strip("-")) > 1]
+        # The ending of a result says more than its option does.
+        others = [word.rpartition(".")[2] for word in sorted(others, key=lambda word: "." not in word)]
+        every = _tables(error, ctx)[1]
+        meant = (line for word in others for line in every.lines(word) or every.lines_of_parts(word))
+        lines = [*(line for line in meant if " SESSION" in line), then]
+        line = next((more for more in lines[1:] if more.startswith(lines[0])), lines[0])
+        line = line.replace("SESSION", place)
+        return f"'{session}' is a session; the command comes first: {line}{OVERVIEW}"
     if "/" in word and not (_shaped(word) or os.path.lexists(word)):
         return f"there is nothing at {word}; the command comes first{OVERVIEW}"
-    if word.strip("./") and not _shaped(word) and os.path.isdir(word):  # noqa: PTH112 - the same
+    if word.strip("./") and not _shaped(word) and os.path.isdir(word):  # noqa: PTH112 - no word makes it raise
         return f"'{word}' is a folder: capture-app sessions import {word} imports it"
     return ""
+
+
+def _session_at(word: str) -> str:
+    """Return the path of the session that a word is, or names in ./sessions; empty for others."""
+    places = (Path(word), Path("sessions", word)) if word else ()
+    return next(
+        (str(place) for place in places if os.path.isfile(place / "session.json")),  # noqa: PTH113 - the same
+        "",
+    )
 
 
 def _in_our_words(error: click.UsageError, typed_line: Sequence[str]) -> str:

@@ -322,6 +322,32 @@ def test_a_first_line_of_another_program_is_answered(line: str, capfd: pytest.Ca
 
 
 @pytest.mark.parametrize(
+    "line",
+    [
+        "reconstruct take1 --dense > reconstruct multiview sessions/take1 --out DIR",
+        "reconstruct -i take1 -o out.ply > reconstruct multiview sessions/take1 --out DIR",
+        "reconstruct take1 --output model.glb > reconstruct multiview sessions/take1 --mesh --out DIR",
+        "reconstruct --recording-path take1 --export-blender > capture-app sessions export sessions/take1",
+        "capture-app sync take1 > reconstruct time SESSION",
+        "capture-app check take1 > capture-app sessions verify SESSION",
+    ],
+)
+def test_a_line_with_a_session_is_answered_about_sessions(
+    line: str, capfd: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "sessions/take1").mkdir(parents=True)
+    (tmp_path / "sessions/take1/session.json").write_text("{}")
+    typed, meant = line.split(" > ")
+    program, *words = shlex.split(typed)
+    assert RUN[program](words) == ExitCode.USAGE
+    # The first thing that is named is what was meant.
+    assert re.search(
+        rf"[:;] (it is |the command comes first: ){re.escape(meant)}[., ]", capfd.readouterr().err
+    )
+
+
+@pytest.mark.parametrize(
     "word", ["a" * 10_000, "aB" * 5_000, "\udc80", "/\udcff", "{}", "-", "--=", "", "(?", "\n"]
 )
 @pytest.mark.parametrize("group", [[], ["sessions"], ["sessions", "show", "x"]])

@@ -80,10 +80,11 @@ MIN_JITTER_FRAMES = 0.05
 """Minimum jitter, in frames."""
 PARTS = 2
 """Number of parts from the middle of the image to its edge, across and down, whose bodies must agree."""
-FINE_PARTS, PART_MS, PARTS_SIGMAS = 4, 0.3, 4.0
-"""Number of finer parts, the systematic error of each one's offset, and the standard deviations by which the
-chi-squared of these exceeds what is expected if they differ. Of bodies of one time it is at most 1.1 times
-that, and 4 and 8 times of people 6 ms late before a television of the cameras' own rate (simulated)."""
+FINE_PARTS, PART_INSTANTS, PART_MS, PARTS_SIGMAS = 4, 8, 0.3, 4.0
+"""Number of finer parts, the fewest instants that tell a part's own offset, its systematic error, and standard
+deviations by which the chi-squared of these offsets exceeds what is expected if they differ. Of bodies of one
+time it is at most 1.1 times that, and 4 and 8 times of people 6 ms late before a television of the cameras'
+own rate (simulated)."""
 ROW_STEPS, ROW_BINS = 20, 16
 """Steps of the offset's change from the middle row to the last, up to a period, and of a period's offsets."""
 CLEARER_ROWS, MIN_ROWS = 1.25, 0.1
@@ -630,7 +631,7 @@ class _Fit:
             pull = self.weights[:count] * speed / (self.weights[:count] @ speed**2)
             late_ms = float(pull @ self.miss[:count])
             sd_ms = self._scatter(pull * (self.miss[:count] - late_ms * speed))
-            if len(np.unique(moving.instant[of_part == part])) > MIN_INSTANTS:
+            if len(np.unique(moving.instant[of_part == part])) >= PART_INSTANTS:
                 off.append((late_ms, float(np.hypot(sd_ms, PART_MS))))
         late, sds = np.array(off or [(0.0, 1.0)]).T
         sigmas = (late - np.average(late, weights=sds**-2)) / sds

@@ -243,7 +243,7 @@ def test_bodies_that_disagree_vouch_for_no_number() -> None:
 
 def test_a_body_near_the_others_time_is_averaged_into_no_number() -> None:
     """People 6 ms late before a television of the cameras' own rate were 1.7 ± 1.1 ms late."""
-    seen = crossings(0.0, right=400, wrong=100)
+    seen = crossings(0.0, right=4000, wrong=1000, instants=16)
     places_of = places(seen.geometry)
     at_set = (np.abs(places_of) < 0.5).all(1)
     found = fit_offset(replace(seen, offset_ms=seen.offset_ms + 6.0 * at_set), NOTHING_STILL, PERIOD_MS)

@@ -81,10 +81,9 @@ MIN_JITTER_FRAMES = 0.05
 PARTS = 2
 """Number of parts from the middle of the image to its edge, across and down, whose bodies must agree."""
 FINE_PARTS, PART_INSTANTS, PART_MS, PARTS_SIGMAS = 4, 8, 0.3, 4.0
-"""Number of finer parts, the fewest instants that tell a part's own offset, its systematic error, and standard
-deviations by which the chi-squared of these offsets exceeds what is expected if they differ. Of bodies of one
-time it is at most 1.1 times that, and 4 and 8 times of people 6 ms late before a television of the cameras'
-own rate (simulated)."""
+"""Number of finer parts, the fewest instants that tell a part's own offset, its systematic error, and the
+standard deviations by which the chi-squared of these exceeds what is expected if they differ. Of bodies of
+one time it is at most 1.1 times that, of people 6 ms late before a television 4 and 8 times (simulated)."""
 ROW_STEPS, ROW_BINS = 20, 16
 """Steps of the offset's change from the middle row to the last, up to a period, and of a period's offsets."""
 CLEARER_ROWS, MIN_ROWS = 1.25, 0.1

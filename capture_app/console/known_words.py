@@ -681,7 +681,7 @@ def _session_at(word: str) -> str:
     """Return the path of the session that a word is, or names in ./sessions; empty for others."""
     places = (Path(word), Path("sessions", word)) if word else ()
     return next(
-        (str(place) for place in places if os.path.isfile(place / "session.json")),  # noqa: PTH113 - the same
+        (place.as_posix() for place in places if os.path.isfile(place / "session.json")),  # noqa: PTH113 - the same
         "",
     )
 

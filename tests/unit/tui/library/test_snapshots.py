@@ -5,6 +5,7 @@ from typing import Any
 
 import pytest
 
+from capture_app.session.exporting import exporter
 from capture_app.tui import app
 from capture_app.tui.app import SimulshotApp
 from capture_app.tui.library.sessions_view import SessionsView
@@ -26,6 +27,8 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     # Without the bundled samples, whose pictures may be rendered again.
     monkeypatch.setattr(app, "find_samples", lambda _: None)
+    # `make readers` installs what an export is for.
+    monkeypatch.setattr(exporter, "is_here", lambda module: module != "rerun")
     here = Path("sessions")
     for number, (name, spread_ns, note) in enumerate(
         (

@@ -432,7 +432,8 @@ def _fit_offset(
     offset_ms = float(fit.values[0])
     rows_ms = fit.rows_ms(period_ms)
     bodies = _other_bodies_ms(moving.by(fit.geometry), offset_ms, period_ms)
-    if bodies := bodies or fit.part_off_ms(rows_ms):
+    # Parts of other rows have other times where the rows have.
+    if bodies := bodies or ([] if rows_ms else fit.part_off_ms()):
         return OffsetFit(
             reason="the moving points do not agree on one offset: in a part of the picture they are "
             f"{bodies[0]:+.0f} ms off the others (is there a screen, or another calibration?)"
@@ -458,23 +459,28 @@ def _votes(seen: Crossings) -> Votes:
 
 
 def _voted_rows_ms(seen: Crossings, period_ms: float) -> float:
-    """Return the offset's growth from the middle row to the last, ms; 0 unless far more crossings agree.
-
-    Rows are compared at one instant: what is small shows each row at another time.
-    """
+    """Return the offset's growth from the middle row to the last, ms; 0 unless far more crossings agree."""
     seen = seen.only(np.abs(seen.across_px_per_ms) * period_ms > MIN_ACROSS_PX)
-    down, (_, of_instant) = places(seen.geometry)[:, 1], np.unique(seen.instant, return_inverse=True)
-    middles = (np.bincount(of_instant, down) / np.bincount(of_instant))[of_instant]
+    down = places(seen.geometry)[:, 1]
     slopes = np.linspace(-period_ms, period_ms, 2 * ROW_STEPS + 1)
     late_ms, reach_ms = (seen.offset_ms - ms * down for ms in slopes), (-10 * period_ms, 10 * period_ms)
     counts = (np.histogram(ms, 20 * ROW_BINS, reach_ms, weights=seen.counts)[0] for ms in late_ms)
     agreeing = np.array([np.convolve(count, np.ones(3)).max() for count in counts])
     if (
         agreeing.max() < max(MIN_VOTES, CLEARER_ROWS * agreeing[ROW_STEPS])
-        or (down - middles).std() < MIN_ROWS
+        or _rows_apart(seen).std() < MIN_ROWS
     ):
         return 0.0
     return float(np.average(slopes, weights=np.clip(agreeing - 0.9 * agreeing.max(), 0, None)))
+
+
+def _rows_apart(seen: Crossings) -> Array:
+    """Return how far below the mean of its instant each crossing is, in halves of the image.
+
+    Rows are compared at one instant: what is small shows each row at another time.
+    """
+    down, (_, of_instant) = places(seen.geometry)[:, 1], np.unique(seen.instant, return_inverse=True)
+    return np.asarray(down - (np.bincount(of_instant, down) / np.bincount(of_instant))[of_instant])
 
 
 def _other_bodies_ms(seen: Crossings, offset_ms: float, period_ms: float) -> list[float]:
@@ -604,13 +610,9 @@ class _Fit:
         """Return how much later the last row is than the middle one by what the fit leaves; 0 if it is not.
 
         Linear regression on the place that the rest of the model does not explain (Frisch and Waugh 1933).
-        Rows are compared at one instant: what is small shows each row at another time.
         """
-        moving = self.moving
-        down, (_, of_instant) = places(moving.geometry)[:, 1], np.unique(moving.instant, return_inverse=True)
-        down = down - (np.bincount(of_instant, down) / np.bincount(of_instant))[of_instant]
-        column = np.zeros(len(self.weights))
-        column[: len(down)] = moving.across_px_per_ms * down
+        down, column = _rows_apart(self.moving), np.zeros(len(self.weights))
+        column[: len(down)] = self.moving.across_px_per_ms * down
         own = column - self.rows @ np.linalg.solve(self.normal, self.rows.T @ (self.weights * column))
         pull = self.weights * own / (self.weights @ (own * column) + period_ms**-2)
         rows_ms = float(pull @ self.miss)
@@ -618,26 +620,28 @@ class _Fit:
         is_clear = abs(rows_ms) > max(ROW_FRAMES * period_ms, ROW_SIGMAS * sd_ms)
         return rows_ms if is_clear and down.std() > MIN_ROWS else 0.0
 
-    def part_off_ms(self, rows_ms: float) -> list[float]:
-        """Return how much later the part of the image is that differs most, if parts differ, and not by rows.
+    def part_off_ms(self) -> list[float]:
+        """Return how much later the part of the image is that differs most, if parts certainly differ.
 
         Cochran's test (1954) of the parts' own offsets, each with its scatter over the instants.
         """
         moving, count, off = self.moving, len(self.moving.counts), list[tuple[float, float]]()
         _, of_part = np.unique(np.floor(FINE_PARTS * places(moving.geometry)), axis=0, return_inverse=True)
         for part in range(of_part.max() + 1):
-            speed = np.where(of_part == part, moving.across_px_per_ms, 0.0)
+            its = of_part == part
+            if len(np.unique(moving.instant[its])) < PART_INSTANTS:
+                continue
+            speed = np.where(its, moving.across_px_per_ms, 0.0)
             pull = self.weights[:count] * speed / (self.weights[:count] @ speed**2)
             late_ms = float(pull @ self.miss[:count])
             sd_ms = self._scatter(pull * (self.miss[:count] - late_ms * speed))
-            if len(np.unique(moving.instant[of_part == part])) >= PART_INSTANTS:
-                off.append((late_ms, float(np.hypot(sd_ms, PART_MS))))
+            off.append((late_ms, float(np.hypot(sd_ms, PART_MS))))
         late, sds = np.array(off or [(0.0, 1.0)]).T
         sigmas = (late - np.average(late, weights=sds**-2)) / sds
         farthest = int(np.argmax(np.abs(sigmas)))
         free = max(1, len(sigmas) - 1)
         clear = sigmas @ sigmas > free + PARTS_SIGMAS * np.sqrt(2 * free)
-        return [float(sigmas[farthest] * sds[farthest])] if clear and not rows_ms else []
+        return [float(sigmas[farthest] * sds[farthest])] if clear else []
 
     def _scatter(self, pull: Array) -> float:
         """Return the standard deviation of a sum of moving points' pulls (n,), of which instants are drawn.

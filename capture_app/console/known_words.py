@@ -660,21 +660,26 @@ def _at_place(error: click.UsageError, ctx: click.Context, typed_line: Sequence[
         return f"'{word}' is a file: capture-app sessions import {footage or word} imports it, then {then}"
     # A program without a command is asked by all words of its line.
     words = [word] if word else typed_line[:_MAX_WORDS] if ctx.parent is None else []
-    for session, place in ((word, place) for word in words if (place := _session_at(word))):
-        others = [word for word in typed_line[:_MAX_WORDS] if word != session and len(word.strip("-")) > 1]
-        # The ending of a result says more than its option does.
-        others = [word.rpartition(".")[2] for word in sorted(others, key=lambda word: "." not in word)]
-        every = _tables(error, ctx)[1]
-        meant = (line for word in others for line in every.lines(word) or every.lines_of_parts(word))
-        lines = [*(line for line in meant if " SESSION" in line), then]
-        line = next((more for more in lines[1:] if more.startswith(lines[0])), lines[0])
-        line = line.replace("SESSION", place)
+    if session := next(filter(_session_at, words), ""):
+        others = [other for other in typed_line[:_MAX_WORDS] if other != session]
+        line = _about_session(others, _tables(error, ctx)[1]) or then
+        line = line.replace("SESSION", _session_at(session))
         return f"'{session}' is a session; the command comes first: {line}{OVERVIEW}"
     if "/" in word and not (_shaped(word) or os.path.lexists(word)):
         return f"there is nothing at {word}; the command comes first{OVERVIEW}"
     if word.strip("./") and not _shaped(word) and os.path.isdir(word):  # noqa: PTH112 - no word makes it raise
         return f"'{word}' is a folder: capture-app sessions import {word} imports it"
     return ""
+
+
+def _about_session(words: Sequence[str], tables: _Tables) -> str:
+    """Return what the words beside a session say is done with it; empty if they say nothing."""
+    # The ending of a result says more than its option does.
+    ordered = sorted((word for word in words if len(word.strip("-")) > 1), key=lambda word: "." not in word)
+    asked = [word.rpartition(".")[2] for word in ordered]
+    meant = (line for word in asked for line in tables.lines(word) or tables.lines_of_parts(word))
+    lines = [line for line in meant if " SESSION" in line]
+    return next((more for more in lines[1:] if more.startswith(lines[0])), next(iter(lines), ""))
 
 
 def _session_at(word: str) -> str:

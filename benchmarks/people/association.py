@@ -20,14 +20,13 @@ import cv2
 import numpy as np
 
 from benchmarks.people.figure import JOINTS, Floats
-from benchmarks.people.scenes import BIAS, FRAMES_PER_S, KINDS, SceneOfPeople, draw
+from benchmarks.people.scenes import KINDS, SceneOfPeople, draw_take, locate_people
 from benchmarks.people.scores import SAME_M
 from benchmarks.report import Columns, Report, new_parser, print_report, print_rows
 from capture_app.common.optional_packages import is_here
 from reconstruction.methods.people.assignment import assign
 from reconstruction.methods.people.joint_positions import locate
-from reconstruction.methods.people.people_run import MIN_JOINTS, PeopleFinder, projection_of
-from reconstruction.methods.people.skeletons import SKELETONS
+from reconstruction.methods.people.people_run import MIN_JOINTS, projection_of
 
 POSE2SIM = "Pose2Sim.personAssociation"
 RIGS = (3, 4, 5)
@@ -86,10 +85,7 @@ def count_people(scene: SceneOfPeople, located: Sequence[Floats]) -> Counts:
 
 def located_by_simulshot(scene: SceneOfPeople) -> list[Floats]:
     """Return the persons (persons, joints, 3), m, at each time."""
-    finder = PeopleFinder(
-        scene.frames, SKELETONS["blazepose"], 1 / FRAMES_PER_S, bias=np.full(len(JOINTS), BIAS)
-    )
-    people = finder.at(scene.times_s).people
+    people = locate_people(scene)
     positions = np.array([person.positions for person in people]).reshape(len(people), -1, len(JOINTS), 3)
     return [each[np.isfinite(each).any(axis=(1, 2))] for each in positions.transpose(1, 0, 2, 3)]
 
@@ -168,9 +164,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     every: dict[str, list[Counts]] = {"simulshot": [], "Pose2Sim": []}
     for kind in options.kinds:
         scenes = [
-            draw(kind, cameras, 5 if kind == "two scales" else 2 + seed % 3, seed)
-            for cameras in options.cameras
-            for seed in range(options.seeds)
+            draw_take(kind, cameras, seed) for cameras in options.cameras for seed in range(options.seeds)
         ]
         for by, located in (("simulshot", located_by_simulshot), ("Pose2Sim", located_by_pose2sim)):
             counts = [count_people(scene, located(scene)) for scene in scenes]

@@ -7,14 +7,9 @@ a time, missing joints, and how many known ones are within the stated error, whi
 
 from collections.abc import Sequence
 
-import numpy as np
-
-from benchmarks.people.figure import JOINTS
-from benchmarks.people.scenes import BIAS, FRAMES_PER_S, KINDS, draw
+from benchmarks.people.scenes import KINDS, draw_take, locate_people
 from benchmarks.people.scores import Scores, score
 from benchmarks.report import Columns, Report, new_parser, print_report, print_rows
-from reconstruction.methods.people.people_run import PeopleFinder
-from reconstruction.methods.people.skeletons import SKELETONS
 
 RIGS = (3, 4, 5, 8)
 COLUMNS: Columns = {
@@ -32,12 +27,10 @@ COLUMNS: Columns = {
 }
 
 
-def measure(kind: str, cameras: int, number: int, seed: int, late: float = 0.0) -> Scores:
+def measure(kind: str, cameras: int, seed: int, late: float = 0.0) -> Scores:
     """Return the scores of one scene."""
-    scene = draw(kind, cameras, number, seed, late=late)
-    bias = np.full(len(JOINTS), BIAS)
-    finder = PeopleFinder(scene.frames, SKELETONS["blazepose"], 1 / FRAMES_PER_S, bias=bias)
-    return score(scene.truth, scene.visible, finder.at(scene.times_s).people)
+    scene = draw_take(kind, cameras, seed, late=late)
+    return score(scene.truth, scene.visible, locate_people(scene))
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -52,7 +45,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     rows, everything = list[dict[str, object]](), list[Scores]()
     for kind in options.kinds:
         scores = [
-            measure(kind, cameras, 5 if kind == "two scales" else 2 + seed % 3, seed, options.late)
+            measure(kind, cameras, seed, options.late)
             for cameras in options.cameras
             for seed in range(options.first, options.first + options.seeds)
         ]

@@ -8,7 +8,7 @@ is behind somebody or give it the joints of whom is in front, find halves of peo
 see people where nobody is.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from benchmarks.people.figure import JOINTS, Floats, Motion, moving, pixels_of, ring
 from reconstruction.common.geometry import View
 from reconstruction.methods.people.keypoints import FrameJoints
-from reconstruction.methods.people.people_run import CameraFrames
+from reconstruction.methods.people.people_run import CameraFrames, PeopleFinder, Person
 from reconstruction.methods.people.skeletons import SKELETONS
 
 SECONDS, FRAMES_PER_S = 4.0, 30
@@ -151,6 +151,18 @@ def draw(
             truth.append(np.where((stints == stint)[:, None, None], motion(times), np.nan))
             visible.append((shown[one] >= 2) & (stints == stint)[:, None])
     return SceneOfPeople(frames, times, np.array(truth), np.array(visible))
+
+
+def draw_take(kind: str, cameras: int, seed: int, *, late: float = 0.0) -> SceneOfPeople:
+    """Draw a take of a bench: of two to four people by its seed, or five at two scales."""
+    return draw(kind, cameras, 5 if kind == "two scales" else 2 + seed % 3, seed, late=late)
+
+
+def locate_people(scene: SceneOfPeople) -> Sequence[Person]:
+    """Return the people that simulshot locates at a scene's times, of whose detector it knows the bias."""
+    bias = np.full(len(JOINTS), BIAS)
+    finder = PeopleFinder(scene.frames, SKELETONS["blazepose"], 1 / FRAMES_PER_S, bias=bias)
+    return finder.at(scene.times_s).people
 
 
 def _stays(kind: str, number: int, rng: np.random.Generator) -> Callable[[float], bool]:

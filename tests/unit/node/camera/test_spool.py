@@ -32,6 +32,15 @@ def add_image(burst: SpoolFolder, report: CameraReport) -> None:
     burst.add([encode_frame(report, UPLOAD.frames[0])])
 
 
+def spool_with_an_image(root: Path) -> tuple[Spool, SpoolFolder]:
+    """Return the open spool of camera a, and its one burst."""
+    opened = Spool(root, "a")
+    opened.open()
+    burst = opened.create_burst(UPLOAD.report)
+    add_image(burst, UPLOAD.report)
+    return opened, burst
+
+
 @pytest.mark.parametrize("write", [write_report, add_image])
 def test_what_is_written_while_a_burst_is_removed_is_not_left_behind(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, write: Callable[[SpoolFolder, CameraReport], None]
@@ -59,10 +68,7 @@ def test_what_is_written_while_a_burst_is_removed_is_not_left_behind(
 def test_what_a_failing_disk_does_not_delete_goes_when_it_is_usable_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    spool = Spool(tmp_path, "a")
-    spool.open()
-    burst = spool.create_burst(UPLOAD.report)
-    add_image(burst, UPLOAD.report)
+    spool, burst = spool_with_an_image(tmp_path)
 
     def fail(path: Path, missing_ok: bool = False) -> None:
         raise OSError(errno.EIO, os.strerror(errno.EIO))
@@ -82,10 +88,7 @@ def test_what_a_burst_still_has_when_its_deletion_ends_early_is_deleted_by_the_n
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, deleted: int
 ) -> None:
     """Of a burst without its report nobody would know whose images they are."""
-    spool = Spool(tmp_path, "a")
-    spool.open()
-    burst = spool.create_burst(UPLOAD.report)
-    add_image(burst, UPLOAD.report)
+    spool, burst = spool_with_an_image(tmp_path)
     unlink, left = Path.unlink, iter(range(deleted))
 
     def delete(path: Path, missing_ok: bool = False) -> None:
@@ -127,10 +130,7 @@ async def test_what_a_killed_run_wrote_is_synced_by_the_next(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """It was in the machine's memory alone, and a power cut afterwards lost it: no leader need be there."""
-    left = Spool(tmp_path, "a")
-    left.open()
-    burst = left.create_burst(UPLOAD.report)
-    add_image(burst, UPLOAD.report)
+    left, burst = spool_with_an_image(tmp_path)
     left.close()
     synced = list[Path]()
 

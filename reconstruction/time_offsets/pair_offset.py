@@ -262,6 +262,8 @@ class PairOffsets:
         views = self.scene.views
         if missing := [name for name in (first, second) if name not in views]:
             return f"{missing[0]} has no calibration"
+        if empty := [name for name in (first, second) if not self.dataset.instants(name)]:
+            return f"{empty[0]} has no images"
         if np.linalg.norm(views[first].centre - views[second].centre) == 0:
             return "both cameras are at the same place"
         if not self.scene.lenses.is_doubtful:

@@ -11,6 +11,8 @@ from reconstruction.common.geometry import View
 from reconstruction.scene.dataset import Dataset
 from reconstruction.scene.scene import Scene as OpenScene
 from reconstruction.time_offsets.pair_offset import PairOffsets
+from tests.unit.reconstruction.commands.odd_session import sound_session
+from tests.unit.reconstruction.commands.test_odd_inputs import make_odd
 from tests.unit.reconstruction.conftest import FOCAL, PERIOD_NS, VIEWS, Scene, write_session
 
 PAIR = {name: VIEWS[name] for name in ("left", "right")}
@@ -41,6 +43,13 @@ def test_half_a_frame_is_measured_within_its_error(drawn: OpenScene) -> None:
     assert abs(fit.offset_ms + 0.5 * PERIOD_NS / 1e6) < 3 * fit.sd_ms
     assert len(fit.instants) >= 3
     assert fit.misfit_px is None
+
+
+def test_of_a_camera_without_images_nothing_is_measured_and_it_is_named(tmp_path: Path) -> None:
+    session = make_odd("pictures: no images of one camera", sound_session(tmp_path), tmp_path)
+    pairs = PairOffsets(OpenScene(Dataset.open(session)))
+    for pair in (("left", "right"), ("right", "left")):
+        assert pairs.measure_anywhere(*pair).reason == "left has no images"
 
 
 def sway(view: View, time: float) -> View:

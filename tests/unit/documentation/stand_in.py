@@ -44,6 +44,7 @@ BOARD = "no sample shows a board: tests/system/end_to_end/test_newcomer.py rende
 NOT_RUN = {
     frozenset({"calibrate", "charuco"}): BOARD,
     frozenset({"calibrate", "board"}): BOARD,
+    frozenset({"calibrate", "--coverage"}): BOARD,
     frozenset(
         {"multiview"}
     ): "half a minute of all cores: tests/system/reconstruction/methods/multiview/test_multiview.py",

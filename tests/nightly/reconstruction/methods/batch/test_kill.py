@@ -20,7 +20,7 @@ def test_real_units_killed_twenty_times_give_the_same_bytes(boards: Session, tmp
     took = time.monotonic() - began
     kills = 0
     kept: dict[str, tuple[int, int]] = {}
-    for _ in range(20):
+    while kills < 20:  # the last units of a batch may be done before their kill: that is none
         running = start(out, boards.folder, log, "real")
         try:
             running.wait(chance.uniform(0.1, 0.7) * took)
@@ -40,7 +40,6 @@ def test_real_units_killed_twenty_times_give_the_same_bytes(boards: Session, tmp
     assert start(out, boards.folder, log, "real").wait(900) == 0
     assert finished(out).items() >= kept.items()
     assert results(out) == results(whole)
-    assert kills >= 15
 
 
 def test_a_batch_killed_twenty_times_resumes(boards: Session, tmp_path: Path) -> None:

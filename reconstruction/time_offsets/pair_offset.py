@@ -304,18 +304,29 @@ class PairOffsets:
         return 2 * np.pi / float(np.median(turns)) * self.dataset.period_ns / 1e6 if is_even else 0.0
 
     def _placed(self, fit: OffsetFit, cameras: tuple[str, str]) -> OffsetFit:
-        """Return a fit with its steps placed by what moves in each camera's own images."""
+        """Return a fit with its steps placed by what moves in each camera's own images.
+
+        Unknown if the offset before a step has no images after it, or the other one none before it: what
+        repeats agrees at another offset there.
+        """
         if fit.offset_ms is None or self.dataset.unsynchronized:
             # Images of the same instant may be of any two times.
             return fit
         shift, steps = round(fit.offset_ms * 1e6 / self.dataset.period_ns), list[Step]()
-        for step in fit.change.steps:
+        story, there = fit.change.describe(*cameras[::-1]), self.dataset.instants(cameras[0])
+        places = [there[0], *(step.instant for step in fit.change.steps), there[-1] + 1]
+        for step, begin, end in zip(fit.change.steps, places, places[2:], strict=False):
+            after, before = range(step.instant, end), range(begin, step.instant)
+            for instants, frames in ((after, shift), (before, shift + step.frames)):
+                if not any(self.dataset.has_image(cameras[1], k - frames) for k in instants):
+                    return OffsetFit(
+                        reason=f"{story} by what moves, but no images there could show otherwise"
+                    )
             around = range(step.earliest - 2 * BESIDE, step.latest + 2 * BESIDE + 1)
             first, second = (self._changes(camera, around) for camera in cameras)
             steps.append(place_step(step, first, second, shift))
             shift += step.frames
         if not all(step.frames for step in steps):
-            story = fit.change.describe(*cameras[::-1])
             return OffsetFit(reason=f"{story} by what moves, but its own pictures show no such gap")
         return replace(fit, change=structs.replace(fit.change, steps=tuple(steps)))
 

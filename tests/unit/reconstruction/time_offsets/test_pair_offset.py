@@ -10,6 +10,8 @@ import pytest
 from reconstruction.common.geometry import View
 from reconstruction.scene.dataset import Dataset
 from reconstruction.scene.scene import Scene as OpenScene
+from reconstruction.time_offsets.crossings import OffsetFit
+from reconstruction.time_offsets.instant_votes import Change, Step
 from reconstruction.time_offsets.pair_offset import PairOffsets
 from tests.unit.reconstruction.commands.odd_session import sound_session
 from tests.unit.reconstruction.commands.test_odd_inputs import make_odd
@@ -50,6 +52,20 @@ def test_of_a_camera_without_images_nothing_is_measured_and_it_is_named(tmp_path
     pairs = PairOffsets(OpenScene(Dataset.open(session)))
     for pair in (("left", "right"), ("right", "left")):
         assert pairs.measure_anywhere(*pair).reason == "left has no images"
+
+
+@pytest.mark.parametrize(
+    ("late_frames", "step", "told"), [(0, 1, True), (-2, 2, False), (2, -2, True), (0, 2, False)]
+)
+def test_a_step_is_told_only_where_both_offsets_have_images(
+    late_frames: int, step: int, told: bool, drawn: OpenScene
+) -> None:
+    """Two discs of two periods agree at one offset each; where one has no images left, the other one wins."""
+    change = Change(steps=(Step(instant=2, frames=step, earliest=2, latest=2),))
+    fit = OffsetFit(offset_ms=late_frames * PERIOD_NS / 1e6, sd_ms=0.5, change=change)
+    placed = PairOffsets(drawn)._placed(fit, ("left", "right"))
+    assert ("could show otherwise" in placed.reason) != told
+    assert bool(placed.change) == told
 
 
 def sway(view: View, time: float) -> View:

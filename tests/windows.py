@@ -31,6 +31,7 @@ TESTS: dict[str, str] = {
     "test_the_priority_does_not_add_to_the_parents": "Windows has no niceness",
     "test_a_library_of_the_system_that_is_missing": "it is a library of Linux",
     "test_a_linked_image_is_refused_if_it_is_elsewhere": _LINKS,
+    "test_a_path_that_leads_out_of_a_folder_of_plain_files_is_refused[linked.jpg]": _LINKS,
     "test_the_command_takes_labels_everywhere": _SHELL,
     "test_folders_of_any_script_are_cameras_of_these_labels[reserved-NFC]": _RESERVED,
     "test_folders_of_any_script_are_cameras_of_these_labels[reserved-NFD]": _RESERVED,

@@ -557,6 +557,10 @@ def session_schema_text() -> str:
         if "description" in struct:
             # From Python 3.13 on docstrings come without their indentation, before that with it.
             struct["description"] = inspect.cleandoc(struct["description"])
+        for about_field in struct.get("properties", {}).values():
+            if "$ref" in about_field.get("propertyNames", {}):
+                # From msgspec 0.23 on, of names that are an enumeration's.
+                del about_field["propertyNames"]
     about = {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": "simulshot session manifest (session.json)",

@@ -254,8 +254,6 @@ class Client(TimeClient, Generic[F]):
                     # Of a leader that is not followed, the first trigger is reported.
                     self._foreign_leader = message.leader
                     self._events.append(ForeignTrigger(message.leader, message.burst))
-            case _:
-                pass
 
     def frames_arrived(self, frames: Iterable[tuple[FrameStamp, F, int]], now_ns: int) -> None:
         """Store the next frames of the stream, each with its bytes of memory, and select what is due."""

@@ -230,11 +230,6 @@ class Client(TimeClient, Generic[F]):
         """Whether the leader is a relay in holdover: it keeps the time, but forwards no bursts."""
         return self.is_member and self.followed is not None and self.followed.in_holdover
 
-    @property
-    def can_change_leader(self) -> bool:
-        """Whether the leader may be changed now: the client is ready and no burst is pending."""
-        return self.state.is_aligned and not self.has_burst_pending
-
     # In
 
     def receive_message(self, message: Message, now_ns: int) -> None:

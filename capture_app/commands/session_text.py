@@ -1,11 +1,11 @@
 """Sessions as text for people."""
 
-from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from statistics import median
 from typing import Any
 
 from capture_app.common.camera_facts import describe_stamp
+from capture_app.common.grouping import grouped
 from capture_app.common.templates import render_lines
 from capture_app.common.text import duration
 from capture_app.console.terminal import table
@@ -73,12 +73,10 @@ def session_lines(session: Session) -> Iterator[str]:
         pixels=pixels,
     )
     yield ""
-    images = defaultdict[str, list[ImageRecord]](list)
-    for image in manifest.images:
-        images[image.camera].append(image)
+    images = grouped((image.camera, image) for image in manifest.images)
     yield table(
         ("camera", "size", "images", "95 % within", "hard bound", "off instant", "phase", "dropped"),
-        [_camera_row(manifest, camera, images[camera.name]) for camera in manifest.cameras],
+        [_camera_row(manifest, camera, images.get(camera.name, ())) for camera in manifest.cameras],
     )
     yield from render_lines(
         "session_cameras.txt", __package__, manifest=manifest, describe_stamp=describe_stamp
@@ -92,13 +90,13 @@ def _describe_differences(differences_ns: Sequence[int]) -> str:
 
 def _true_differences_ns(session: Session) -> list[int]:
     """Return the true time difference of each instant's images, ns; empty if unknown."""
-    truth, times_ns = session.true_times(), defaultdict[int, list[int]](list)
+    truth = session.true_times()
     delays_ns = {camera.name: camera.delay_ns for camera in session.manifest.cameras}
     images = [image for image in (truth.images if truth else ()) if image.camera in delays_ns]
     # The offset between simulated and real cameras of one rig is unknown.
-    if delays_ns.keys() == {image.camera for image in images}:
-        for image in images:
-            times_ns[image.instant].append(image.true_ns - delays_ns[image.camera])
+    if delays_ns.keys() != {image.camera for image in images}:
+        return []
+    times_ns = grouped((image.instant, image.true_ns - delays_ns[image.camera]) for image in images)
     return [
         max(own_times_ns) - min(own_times_ns) for own_times_ns in times_ns.values() if len(own_times_ns) > 1
     ]

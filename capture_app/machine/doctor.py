@@ -5,7 +5,6 @@ import os
 import platform
 import sys
 import tempfile
-from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -18,6 +17,7 @@ from capture_app.common import system
 from capture_app.common.address import Address
 from capture_app.common.camera_facts import CameraListing
 from capture_app.common.errors import DiskError, SimulshotError
+from capture_app.common.grouping import grouped
 from capture_app.common.host_clock import RAW_CLOCK
 from capture_app.common.text import count, megabytes
 from capture_app.machine.cameras import list_cameras
@@ -165,10 +165,7 @@ def usb(found: list[tuple[str, int, int]]) -> Iterator[Finding]:
 
     `found`: device node, bus and speed (Mbit/s) of each camera, as `usb_cameras` returns them.
     """
-    slow = defaultdict[int, list[tuple[str, int]]](list)
-    for node, bus, speed_mbit_s in found:
-        if speed_mbit_s <= USB_2_MBIT_S:
-            slow[bus].append((node, speed_mbit_s))
+    slow = grouped((bus, (node, mbit_s)) for node, bus, mbit_s in found if mbit_s <= USB_2_MBIT_S)
     crowded = [sharing for _, sharing in sorted(slow.items()) if len(sharing) > 1]
     for sharing in crowded:
         yield Finding(

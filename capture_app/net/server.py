@@ -4,7 +4,6 @@ import asyncio
 import errno
 import os
 import socket
-from collections import defaultdict
 from collections.abc import Awaitable, Callable, Iterable
 from contextlib import suppress
 from typing import Any, Generic, TypeVar
@@ -14,6 +13,7 @@ import msgspec
 from capture_app.common import system
 from capture_app.common.address import Address
 from capture_app.common.errors import NetworkError, SimulshotError
+from capture_app.common.grouping import grouped
 from capture_app.common.pairing_codes import Role
 from capture_app.common.tasks import end
 from capture_app.net.channel import CHUNK_BYTES, Channel, StreamTimeouts
@@ -162,9 +162,7 @@ class TransferServer(Generic[M]):
 
 def _by_host(streams: Iterable[Channel[M]]) -> list[list[Channel[M]]]:
     """Group streams by the host of the other end, largest group first."""
-    by_machine: defaultdict[str, list[Channel[M]]] = defaultdict(list)
-    for stream in streams:
-        by_machine[stream.peer.host].append(stream)
+    by_machine = grouped((stream.peer.host, stream) for stream in streams)
     return sorted(by_machine.values(), key=len, reverse=True)
 
 

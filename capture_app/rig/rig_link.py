@@ -268,5 +268,3 @@ class RigLink:
                 jpeg = b"".join([chunk async for chunk in channel.payload()])
                 await channel.send(orders.PreviewSeen(camera=message.camera))
                 yield replace(message, jpeg=jpeg)
-            case _:
-                pass

@@ -11,6 +11,7 @@ from textual.content import Content
 from textual.dom import DOMNode
 from textual.widgets import Static
 
+from capture_app.common.grouping import grouped
 from capture_app.tui.question import BoxDialog
 from capture_app.tui.screen_settings import KEYS_FILE
 from capture_app.tui.widgets.lines import Lines
@@ -99,10 +100,9 @@ class HelpScreen(BoxDialog[bool]):
 
 def _rows(actions: Sequence[Binding], key_names: dict[str, str]) -> list[Content]:
     # One line per action, with all of its keys; the app-wide actions come last.
-    by_name: dict[str, list[Binding]] = {}
-    for binding in actions:
-        if binding.id is not None and binding.description:
-            by_name.setdefault(binding.id, []).append(binding)
+    by_name = grouped(
+        (binding.id, binding) for binding in actions if binding.id is not None and binding.description
+    )
     rooms: dict[str, list[Content]] = {}
     for name, found in by_name.items():
         keys = " ".join(dict.fromkeys(key_names.get(each.key, each.key) for each in found))

@@ -7,6 +7,7 @@ from typing import Any
 import click
 
 from capture_app.commands.shared_options import ANY_PATH, restrict_file_access
+from capture_app.common.grouping import grouped
 from capture_app.common.plugins import plugin_names
 from capture_app.console.known_words import FORMATS, RESULTS
 from capture_app.console.terminal import SESSION, FiniteRange, answer, json_option, show_count, talk
@@ -14,7 +15,6 @@ from capture_app.console.usage import examples, write_plugins
 from capture_app.session.exporting.exporter import (
     GROUP,
     Exporter,
-    Option,
     load_exporter,
     load_exporters,
     own_options,
@@ -66,20 +66,20 @@ class _ExportCommand(click.Command):
         to = click.Option(
             ["--to", "name"], type=_Format(plugin_names(GROUP)), required=True, help="Format: see below."
         )
-        stated: dict[str, tuple[type[Any], Option]] = {}
-        formats: dict[str, list[str]] = {}
-        for name, exporter in self._exporters(ctx).items():
-            for option, kind in own_options(exporter).items():
-                stated.setdefault(option, kind)
-                formats.setdefault(option, []).append(name)
+        stated = grouped(
+            (option, (format_name, *how))
+            for format_name, exporter in self._exporters(ctx).items()
+            for option, how in own_options(exporter).items()
+        )
         own = [
             click.Option(
                 [f"--{name.replace('_', '-')}"],
                 metavar=option.metavar or None,
-                help=f"For {', '.join(formats[name])}: {option.help}.",
+                help=f"For {', '.join(format_name for format_name, *_ in uses)}: {option.help}.",
                 **({"type": click.Choice(option.choices)} if option.choices else _KINDS.get(kind, {})),
             )
-            for name, (kind, option) in stated.items()
+            for name, uses in stated.items()
+            for _, kind, option in uses[:1]
         ]
         session, *general = super().get_params(ctx)
         at = next(place for place, argument in enumerate(general) if argument.name == "as_json")

@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from capture_app.common.grouping import grouped
 from capture_app.companions.panel.pattern import (
     DICTIONARY,
     MARKER_SIZE,
@@ -91,11 +92,7 @@ def panels_seen(grey: NDArray[np.uint8]) -> list[str]:
 
 def _by_panel(numbers: Iterable[int]) -> dict[str, list[int]]:
     """Return the marker numbers of each panel, by its name."""
-    by_panel: dict[str, list[int]] = {}
-    for number in numbers:
-        if (panel := PANEL_OF_MARKER.get(number)) is not None:
-            by_panel.setdefault(panel.name, []).append(number)
-    return by_panel
+    return grouped((PANEL_OF_MARKER[number].name, number) for number in numbers if number in PANEL_OF_MARKER)
 
 
 def find_panel(grey: NDArray[np.uint8]) -> FoundPanel:

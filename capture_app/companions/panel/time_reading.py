@@ -4,7 +4,6 @@ A coarse search covers a whole cycle of the panel; the likelihood is then evalua
 times.
 """
 
-from collections import defaultdict
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import chain, product
@@ -13,6 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from capture_app.common.grouping import grouped
 from capture_app.common.text import duration
 from capture_app.companions.panel.cycle_code import Cycle
 from capture_app.companions.panel.cycle_reading import read_cycle
@@ -202,9 +202,7 @@ def gather(
 
 def _pool(candidates: list[Hypothesis]) -> list[Hypothesis]:
     """Return the best candidates with several per exposure, because the search cannot separate exposures."""
-    by_exposure: defaultdict[float, list[Hypothesis]] = defaultdict(list)
-    for one in candidates:
-        by_exposure[one.shutter.exposure_ns].append(one)
+    by_exposure = grouped((one.shutter.exposure_ns, one) for one in candidates)
     pool = chain.from_iterable(some[:_OF_EXPOSURE] for some in by_exposure.values())
     return sorted(pool, key=lambda one: -one.score)[:_POOL]
 

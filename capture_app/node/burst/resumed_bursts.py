@@ -105,9 +105,11 @@ class ResumedBursts:
             for record in session.manifest.images
             if record.camera == camera and (end is None or record.instant in reported)
         ]
-        if report.plan.picking or not reported <= {chosen[record.instant] for record in records}:
-            return None
-        if not all(session.image_file(record).is_file() for record in records):
+        if (
+            report.plan.picking
+            or not reported <= {chosen[record.instant] for record in records}
+            or not all(session.image_file(record).is_file() for record in records)
+        ):
             return None
         return ReportAck(
             receipts=tuple(

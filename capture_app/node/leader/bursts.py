@@ -194,9 +194,7 @@ class ActiveBursts:
         check_before(request.before, request.frames)
         before = BurstStatus(burst=0, name="", cameras=0, instants=frames, received=0, expected=0)
         if request.wait_ready_s:
-            async for reason in reasons_until_ready(
-                engine, self._options.clock, request.wait_ready_s, request.nodes
-            ):
+            async for reason in reasons_until_ready(engine, request.wait_ready_s, request.nodes):
                 yield replace(before, message=f"waiting for the rig: {reason}")
             asked_ns = self.now_ns()
         if degraded := degraded_nodes(engine.roster.by_name()):

@@ -7,7 +7,6 @@ from collections.abc import AsyncGenerator, Mapping, Sequence
 from pathlib import Path
 
 from capture_app.common.camera_facts import SIMULATED, CameraFacts, unmeasured_stamps
-from capture_app.common.clock import NodeClock
 from capture_app.common.errors import DiskFullError, IncompleteError
 from capture_app.common.node_state import NodeState
 from capture_app.common.text import count, duration, megabytes
@@ -77,9 +76,7 @@ def why_not_ready(members: Sequence[Member], cameras: int, *, accept_degraded: b
     return ", ".join(late)
 
 
-async def reasons_until_ready(
-    engine: Leader, clock: NodeClock, timeout_s: float, cameras: int
-) -> AsyncGenerator[str, None]:
+async def reasons_until_ready(engine: Leader, timeout_s: float, cameras: int) -> AsyncGenerator[str, None]:
     """Yield why the rig is not ready, until it is as ready as it will be.
 
     Nodes that are merely less accurate than requested are accepted after DEGRADED_WAIT_S, as more time hardly

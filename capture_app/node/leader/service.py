@@ -232,25 +232,6 @@ class LeaderService:
             case messages.SpoolSpace():
                 self._bursts.note_spool_space(message)
                 await channel.send(messages.ReportAck())
-            case _:
-                await self._answer_operator(channel, message)
-
-    async def _take_report(
-        self, report: messages.CameraReport, pin: str, working_on: WorkingOn
-    ) -> messages.ReportAck:
-        session = await self._bursts.find_session(report, pin)
-        if isinstance(session, messages.ReportAck):
-            return session
-        key = (report.leader, report.burst, report.camera)
-        if (before := working_on.get(key)) is not session:
-            session.stream_opened(report.camera)
-            if before is not None:
-                before.stream_closed(report.camera, self._bursts.now_ns())
-            working_on[key] = session
-        return await session.accept_report(report, self._bursts.now_ns(), wait_s=UNDECIDED_S)
-
-    async def _answer_operator(self, channel: Channel[messages.ToLeader], message: messages.ToLeader) -> None:
-        match message:
             case messages.BurstRequest():
                 async with contextlib.aclosing(self._bursts.take(message)) as progress:
                     async for status in progress:
@@ -265,6 +246,20 @@ class LeaderService:
                     giving.cancel()
             case _:
                 await channel.send(await self._single_answer(message))
+
+    async def _take_report(
+        self, report: messages.CameraReport, pin: str, working_on: WorkingOn
+    ) -> messages.ReportAck:
+        session = await self._bursts.find_session(report, pin)
+        if isinstance(session, messages.ReportAck):
+            return session
+        key = (report.leader, report.burst, report.camera)
+        if (before := working_on.get(key)) is not session:
+            session.stream_opened(report.camera)
+            if before is not None:
+                before.stream_closed(report.camera, self._bursts.now_ns())
+            working_on[key] = session
+        return await session.accept_report(report, self._bursts.now_ns(), wait_s=UNDECIDED_S)
 
     async def _single_answer(self, message: messages.ToLeader) -> messages.FromLeader:
         """Return the answer to a request that has one. Raises NetworkError for any other message."""
@@ -298,8 +293,10 @@ class LeaderService:
                 names = await self._nodes().add_simulated(order, taken=self._taken())
             case orders.RemoveCamera(name=name):
                 await self._remove(name)
-            case orders.CancelBurst() | orders.EndBurst():
-                await self._end_burst(order)
+            case orders.CancelBurst():
+                await self._bursts.cancel(order.burst)
+            case orders.EndBurst():
+                await self._bursts.end(order.burst)
             case orders.StaggerCameras():
                 await self._stagger(Stagger.parse(order.order) if order.order else None)
             case orders.InvitePhone():
@@ -308,12 +305,6 @@ class LeaderService:
                 self._options.log.add("stopped by an operator")
                 self.stop_requested.set()
         return orders.Done(names=names)
-
-    async def _end_burst(self, order: orders.CancelBurst | orders.EndBurst) -> None:
-        if isinstance(order, orders.CancelBurst):
-            await self._bursts.cancel(order.burst)
-        else:
-            await self._bursts.end(order.burst)
 
     async def _stagger(self, stagger: Stagger | None) -> None:
         """Change the planned order; a burst that has just been taken is awaited."""

@@ -80,10 +80,11 @@ def read_calibration(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) 
     )
     if not is_own:
         return None
-    files: dict[str, Path] = {}
-    for name, path in paths:
-        for file in sorted(path.glob(f"*/{_PARAMETERS}")) if path.is_dir() else [path]:
-            files[name or file.resolve().parent.name] = file
+    files = {
+        name or file.resolve().parent.name: file
+        for name, path in paths
+        for file in (sorted(path.glob(f"*/{_PARAMETERS}")) if path.is_dir() else [path])
+    }
     return Views({name: _view(file) for name, file in files.items()}, _PARAMETERS, "mm")
 
 

@@ -10,6 +10,7 @@ from typing import Any
 
 from capture_app.common.bounds import CENTURY_NS
 from capture_app.common.errors import BadInputError
+from capture_app.common.grouping import grouped
 from capture_app.common.instants import is_same_instant
 from capture_app.common.text import Talk, count
 from capture_app.session.format.common_times import CameraTimes, CommonTimes
@@ -59,11 +60,7 @@ class Timeline:
 
     def cameras(self) -> dict[str, list[TimedFrame]]:
         """Return the frames of each camera, in the order of the instants."""
-        cameras: dict[str, list[TimedFrame]] = {}
-        for instant in self.instants:
-            for name, frame in instant.frames.items():
-                cameras.setdefault(name, []).append(frame)
-        return cameras
+        return grouped(named for instant in self.instants for named in instant.frames.items())
 
 
 def timeline_by_times(where: str, cameras: Mapping[str, Sequence[TimedFrame]]) -> Timeline:

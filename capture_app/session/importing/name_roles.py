@@ -13,6 +13,8 @@ from os.path import commonpath
 from pathlib import Path
 from unicodedata import normalize
 
+from capture_app.common.grouping import grouped
+
 _DEVICE = (
     r"cam|kamera|cámara|caméra|камера|カメラ|相机|相機|كاميرا|view|angle|"
     r"gopro|phone|pixel|ipad|galaxy|canon|sony|^(c|ch|pi)\d{0,2}$"
@@ -65,10 +67,9 @@ class Parse:
     @property
     def cameras(self) -> dict[str, list[Path]]:
         """The files of each camera in all takes."""
-        cameras: dict[str, list[Path]] = {}
-        for name, files in chain.from_iterable(take.items() for take in self.takes.values()):
-            cameras.setdefault(name, []).extend(files)
-        return cameras
+        return grouped(
+            (name, file) for take in self.takes.values() for name, files in take.items() for file in files
+        )
 
     def __str__(self) -> str:
         cameras = [*self.cameras]

@@ -8,6 +8,7 @@ from typing import Literal
 from msgspec import Struct
 
 from capture_app.common.camera_facts import unmeasured_stamps
+from capture_app.common.grouping import grouped
 from capture_app.common.text import count, duration
 from capture_app.session.format.common_times import NOT_SYNCHRONIZED
 from capture_app.session.format.manifest import (
@@ -222,10 +223,8 @@ def grade_of(spread_ns: int | None, error_ns: int | None) -> tuple[Grade, float 
 
 def _why_nothing(manifest: Manifest) -> str:
     """Return the reasons for which a take has no image, each with its cameras; empty if none is recorded."""
-    reasons: dict[str, list[str]] = {}
     labels = manifest.labels
-    for gap in manifest.missing:
-        reasons.setdefault(gap.reason, []).append(labels[gap.camera])
+    reasons = grouped((gap.reason, labels[gap.camera]) for gap in manifest.missing)
     absent = [f"{absentee.label or absentee.name}: {absentee.reason}" for absentee in manifest.burst.absent]
     reasons_given = [f"{', '.join(dict.fromkeys(cameras))}: {reason}" for reason, cameras in reasons.items()]
     return "; ".join([*reasons_given, *absent])

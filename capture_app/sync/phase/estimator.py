@@ -73,11 +73,6 @@ class PhaseEstimate:
     quantum_error_ns: float = 0.0
     """Error that the step of the timestamps may hide, in either direction."""
 
-    @property
-    def uncertainty_ns(self) -> float:
-        """95 % uncertainty of the phase error, ns, without the uncertainty of the clock."""
-        return 2.0 * self.sigma_ns + self.quantum_error_ns
-
 
 class PendingShifts:
     """Commanded shifts of the phase, in effect or pending; times in ns, frames by their index."""

@@ -230,11 +230,6 @@ class Client(TimeClient, Generic[F]):
         """Whether the leader is a relay in holdover: it keeps the time, but forwards no bursts."""
         return self.is_member and self.followed is not None and self.followed.in_holdover
 
-    @property
-    def can_change_leader(self) -> bool:
-        """Whether the leader may be changed now: the client is ready and no burst is pending."""
-        return self.state.is_aligned and not self.has_burst_pending
-
     # In
 
     def receive_message(self, message: Message, now_ns: int) -> None:
@@ -254,8 +249,6 @@ class Client(TimeClient, Generic[F]):
                     # Of a leader that is not followed, the first trigger is reported.
                     self._foreign_leader = message.leader
                     self._events.append(ForeignTrigger(message.leader, message.burst))
-            case _:
-                pass
 
     def frames_arrived(self, frames: Iterable[tuple[FrameStamp, F, int]], now_ns: int) -> None:
         """Store the next frames of the stream, each with its bytes of memory, and select what is due."""

@@ -170,7 +170,7 @@ class Failover(LeaderChoice):
 
     def try_to_join(self, better: Address, now_ns: int) -> None:
         """Change to a preferred leader unless a burst is pending, or the client is not ready."""
-        if self._client.can_change_leader:
+        if self._client.state.is_aligned and not self._client.has_burst_pending:
             self._client.change_leader("a better leader is there", now_ns)
             self.update(now_ns)
             self.change_to(better, now_ns)

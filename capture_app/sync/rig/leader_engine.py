@@ -200,8 +200,7 @@ class Leader:
             raise BadInputError(f"{name} is here", hint="stop it first: it would join again")
         if self.roster.owners.pop(name, None) is None and member is None:
             raise BadInputError(f"no node named {name} is known", hint="capture-app status lists the nodes")
-        self._events.append(NodeChanged(name, "forgotten") if member is None else self.roster.forget(member))
-        self._review_is_due = True
+        self._note_lost(NodeChanged(name, "forgotten") if member is None else self.roster.forget(member))
 
     def set_stagger(self, stagger: Stagger | None, now_ns: int) -> None:
         """Take frames in another planned order, None for all at one instant; after a burst under way."""
@@ -217,12 +216,8 @@ class Leader:
 
     def handle_timer(self, now_ns: int) -> None:
         """Do everything that is due; call it at `next_timer`, or at any other time."""
-        for lost in self.roster.mark_silent_lost(now_ns):
-            self._events.append(lost)
-            self._review_is_due = True
-        for forgotten in self.roster.forget_long_lost(now_ns):
-            self._events.append(forgotten)
-            self._review_is_due = True
+        for change in (*self.roster.mark_silent_lost(now_ns), *self.roster.forget_long_lost(now_ns)):
+            self._note_lost(change)
         self._review_if_due(now_ns)
         self._events.extend(self.orders.expire(now_ns))
         for members, trigger in self.orders.triggers_due(now_ns):

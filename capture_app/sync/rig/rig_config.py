@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from itertools import islice
 
 from capture_app.common.camera_facts import CameraFacts
+from capture_app.common.grouping import grouped
 from capture_app.common.node_state import WITHOUT_CAMERA
 from capture_app.common.stagger import Stagger
 from capture_app.sync.phase.frame_grid import FrameGrid
@@ -80,9 +81,7 @@ class CurrentConfig:
         if not cameras:
             self.grid_is_of_cameras = False
             return False
-        machines: dict[str, list[int]] = {}
-        for camera in cameras:
-            machines.setdefault(camera.machine, []).append(camera.camera.period_ns)
+        machines = grouped((camera.machine, camera.camera.period_ns) for camera in cameras)
         if (best_ns := choose_period(grid.period_ns, machines.values())) == grid.period_ns:
             return False
         self.grid_choice = GridPhaseChoice(FrameGrid(now_ns, best_ns))

@@ -242,11 +242,9 @@ class Roster:
 
         With `pin`, only members of that machine are considered.
         """
-        for member in self._unconfirmed.values():
-            if pin in ("", member.pin):
-                return member
+        unconfirmed = (member for member in self._unconfirmed.values() if pin in ("", member.pin))
         lost = (member for member in self.members.values() if member.lost and pin in ("", member.pin))
-        return min(lost, key=lambda member: member.last_heard_ns, default=None)
+        return next(unconfirmed, None) or min(lost, key=lambda member: member.last_heard_ns, default=None)
 
     def admit(
         self, hello: Hello, address: Address, now_ns: int, principal: Principal | None = None

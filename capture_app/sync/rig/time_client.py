@@ -158,8 +158,6 @@ class TimeClient:
                     self._take_answer(message, now_ns)
                 elif isinstance(message, Notice):
                     self._events.append(LeaderNotice("said", message.text))
-            case _:
-                pass
 
     def follow(self, welcome: Welcome, now_ns: int) -> bool:
         """Become a member of the leader that sent this welcome; return False if it cannot be followed."""

@@ -84,11 +84,11 @@ class RateVote:
         max_count = max(friends.values())
         # In a tie the leader's rate wins, because the leader's clock is the rig's time.
         typical_ppm = rates[next(name for name, count in friends.items() if count == max_count)]
-        off: dict[str | None, HostOffRate] = {}
-        for name, rate in rates.items():
-            fast_ppm = rate - typical_ppm
-            if abs(fast_ppm) > (STILL_UNUSUAL_PPM if name in self.off else TYPICAL_PPM):
-                off[name] = HostOffRate(name, fast_ppm, ambiguous=max_count == friends[name])
+        off = {
+            name: HostOffRate(name, rate - typical_ppm, ambiguous=max_count == friends[name])
+            for name, rate in rates.items()
+            if abs(rate - typical_ppm) > (STILL_UNUSUAL_PPM if name in self.off else TYPICAL_PPM)
+        }
         before, self.off = self.off, off
         changes = [off[name] for name in off if name not in before]
         return [*changes, *(HostOffRate(name, 0.0) for name in before if name not in off)]

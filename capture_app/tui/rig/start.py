@@ -79,10 +79,10 @@ class StartPanel(Vertical):
         Binding("plus,equals_sign,right", "more(1)", "More cameras", key_display="+", id="start.more"),
         Binding("minus,left", "more(-1)", "Fewer", key_display="-", id="start.fewer"),
         Binding("N", "scene", "Scene", id="start.scene", tooltip="what simulated cameras see"),
-        Binding("O", "sessions", "Sessions", id="start.sessions", tooltip="takes on disk"),
+        Binding("O", "open('sessions')", "Sessions", id="start.sessions", tooltip="takes on disk"),
         Binding(
             "S",
-            "samples",
+            "open('samples')",
             "Samples",
             show=False,
             id="start.samples",
@@ -191,7 +191,7 @@ class StartPanel(Vertical):
                 "O",
                 f"Open {count(self._saved_count, 'session')}",
                 f"Takes in {self._sessions}: view, verify, compare and export them.",
-                self.action_sessions,
+                partial(self.action_open, "sessions"),
             )
         if self._samples:
             yield _Choice(
@@ -199,7 +199,7 @@ class StartPanel(Vertical):
                 "S",
                 "Browse the samples",
                 f"Takes of simulated cameras, in {self._samples}.",
-                self.action_samples,
+                partial(self.action_open, "samples"),
             )
 
     @property
@@ -300,16 +300,12 @@ class StartPanel(Vertical):
         self._settings.remember(SCENE, scenes[(scenes.index(self.scene) + 1) % len(scenes)])
         self._offer("simulated")
 
-    def action_sessions(self) -> None:
-        """Show the sessions of the sessions folder."""
-        self._settings.remember(CHOICE, "sessions")
-        self.post_message(SessionsRequested(self._sessions))
-
-    def action_samples(self) -> None:
-        """Show the sample sessions."""
-        if self._samples is not None:
-            self._settings.remember(CHOICE, "samples")
-            self.post_message(SessionsRequested(self._samples))
+    def action_open(self, choice: str) -> None:
+        """Show the sessions of the sessions folder, or the samples if there are any."""
+        folder = self._samples if choice == "samples" else self._sessions
+        if folder is not None:
+            self._settings.remember(CHOICE, choice)
+            self.post_message(SessionsRequested(folder))
 
     def _choose(self, choice: str) -> None:
         self._settings.remember(CHOICE, choice)

@@ -80,7 +80,7 @@ class ShootView(ModeView):
         Binding("d", "open_depth", "Depth", id="shoot.depth", tooltip="the newest take in 3D in the browser"),
         Binding(
             "D",
-            "live_depth",
+            f"live('{DEPTH}')",
             "Live depth",
             id="shoot.live-depth",
             key_display="D",
@@ -88,7 +88,7 @@ class ShootView(ModeView):
         ),
         Binding(
             "J",
-            "live_people",
+            f"live('{PEOPLE}')",
             "Live people",
             id="shoot.live-people",
             key_display="J",
@@ -280,15 +280,8 @@ class ShootView(ModeView):
         """Switch between the live previews and the last take."""
         (self.stage.show_live if self.stage.is_sheet else self.stage.show_sheet)()
 
-    def action_live_depth(self) -> None:
-        """Show the depth of the chosen camera instead of its preview, or its preview again."""
-        self._want(DEPTH)
-
-    def action_live_people(self) -> None:
-        """Show people in 3D in the chosen camera's preview, or its preview alone again."""
-        self._want(PEOPLE)
-
-    def _want(self, subject: str) -> None:
+    def action_live(self, subject: str) -> None:
+        """Show depth, or people in 3D, in place of the chosen camera's preview; or its preview again."""
         if self._finder is not None:
             self._finder.cancel()
             self._finder = None

@@ -1,8 +1,8 @@
 """Row of a picture whose escape sequences NumPy made: a terminal's line without an object for each colour."""
 
+from collections.abc import Callable, Iterable, Sequence
 from functools import cached_property
 from itertools import pairwise
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,9 +11,6 @@ from rich.console import Console
 from rich.segment import Segment
 from rich.style import Style
 from textual.strip import Strip
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
 
 TEMPLATE = np.frombuffer(b"\x1b[38;2;RRR;GGG;BBB;48;2;RRR;GGG;BBBm???", np.uint8)
 """Codes of a cell: its two colours, and its glyph in UTF-8. A byte of 0 is not sent."""
@@ -41,7 +38,7 @@ def blank_code(style: Style) -> NDArray[np.uint8]:
 class PaintedStrip(Strip):
     """Strip of cells with their codes; what asks for its segments has them made."""
 
-    def __init__(self, codes: NDArray[np.uint8], make: "Callable[[], Iterable[Segment]]") -> None:
+    def __init__(self, codes: NDArray[np.uint8], make: Callable[[], Iterable[Segment]]) -> None:
         """`codes`: cells x bytes; `make` returns the same cells as segments."""
         super().__init__((), len(codes))
         self._codes, self._make = codes, make
@@ -56,7 +53,7 @@ class PaintedStrip(Strip):
         codes = self._codes[max(0, start) : end]
         return PaintedStrip(codes, lambda: Strip(self._segments, self.cell_length).crop(start, end))
 
-    def divide(self, cuts: "Iterable[int]") -> "Sequence[Strip]":
+    def divide(self, cuts: Iterable[int]) -> Sequence[Strip]:
         """Return the cells between these places."""
         return [self.crop(*ends) for ends in pairwise((0, *cuts)) if ends[1] <= self.cell_length]
 

@@ -4,7 +4,6 @@ An imported recording has it beside its frames; images of a camera with a microp
 """
 
 import wave
-from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -13,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture_app.common.errors import BadInputError
+from capture_app.common.grouping import grouped
 from capture_app.common.plugins import load_plugins
 from capture_app.session.alignment.clock_line import fit_clock_line
 from capture_app.session.exporting.exported_burst import ExportedBurst
@@ -74,11 +74,12 @@ def add_sound(burst: ExportedBurst, camera: str, recording: Path, video: Path) -
 
 def add_own_sound(burst: ExportedBurst, camera: str, video: Path, *, wav: bool) -> None:
     """Add the sound that a camera's images carry, if any, to its exported video; `wav`: also as a file."""
-    streams: dict[tuple[int, int, int], list[tuple[ImageRecord, Any]]] = defaultdict(list)
-    for plugin in load_plugins(SOUNDS, "read_sounds").values():
-        for image, part in plugin.read_sounds(burst.session, camera):
-            if image.local_ns is not None and abs(part.local_ns - image.local_ns) <= MAX_BEFORE_NS:
-                streams[part.stream, part.rate_hz, part.channels].append((image, part))
+    streams = grouped(
+        ((part.stream, part.rate_hz, part.channels), (image, part))
+        for plugin in load_plugins(SOUNDS, "read_sounds").values()
+        for image, part in plugin.read_sounds(burst.session, camera)
+        if image.local_ns is not None and abs(part.local_ns - image.local_ns) <= MAX_BEFORE_NS
+    )
     if not streams:
         return
     end_s = _end_s(burst, camera)

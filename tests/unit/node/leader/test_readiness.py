@@ -7,7 +7,6 @@ from typing import cast
 import pytest
 
 from capture_app.common.camera_facts import PhaseControl
-from capture_app.common.clock import HostClock
 from capture_app.common.errors import IncompleteError
 from capture_app.common.node_state import NodeState
 from capture_app.common.timeouts import DEGRADED_WAIT_S
@@ -51,10 +50,7 @@ class Seen:
 
 def waited_for(*views: Member, timeout_s: float = 0.0) -> list[str]:
     async def wait() -> list[str]:
-        return [
-            reason
-            async for reason in reasons_until_ready(cast(Leader, Seen(views)), HostClock(), timeout_s, 1)
-        ]
+        return [reason async for reason in reasons_until_ready(cast(Leader, Seen(views)), timeout_s, 1)]
 
     return asyncio.run(wait())
 
@@ -79,7 +75,7 @@ async def test_a_node_that_cannot_do_better_is_waited_for_as_long_as_it_may_help
 ) -> None:
     now_s = asyncio.get_running_loop().time
     began_s, engine = now_s(), cast(Leader, Seen((READY, ROUGH)))
-    async for reason in reasons_until_ready(engine, HostClock(), timeout_s, 1):
+    async for reason in reasons_until_ready(engine, timeout_s, 1):
         assert reason == f"cam03: {DEGRADED}"
     assert now_s() - began_s == pytest.approx(lasts_s, abs=2 * CHECK_EVERY_S)
 

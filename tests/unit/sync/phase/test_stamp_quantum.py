@@ -109,7 +109,7 @@ def test_no_frame_is_off_by_more_than_is_said(step_ns: float, tolerance_ns: int,
             said += 1
             off_aligned += look.aligned and abs(look.error_ns) > 1.1 * tolerance_ns
             off_window += abs(look.error_ns) > aligner.window.tolerance_ns
-            off_uncertainty += abs(look.error_ns - now.error_ns) > now.uncertainty_ns
+            off_uncertainty += abs(look.error_ns - now.error_ns) > 2.0 * now.sigma_ns + now.quantum_error_ns
     assert said > 250
     assert off_aligned + off_window <= 0.01 * said
     assert off_uncertainty <= 0.05 * said

@@ -42,11 +42,13 @@ class Scene:
         self._definition = definition
         stage = definition.stage()
         textures = {name: Texture(picture) for name, picture in stage.pictures.items()}
-        moving_things = sorted({part.thing for part in stage.parts.values()})
         self.name = name
-        self.things = ("nothing", *(f.thing for f in stage.fixtures), *moving_things)
+        self.things = (
+            "nothing",
+            *(f.thing for f in stage.fixtures),
+            *sorted({part.thing for part in stage.parts.values()}),
+        )
         """Names of the objects by their number in the ground truth's `objects`."""
-        self.moving_things = frozenset(moving_things)
         self._scale = scale
         self.views = self._views(scale)
         meshes = [(mesh, self.things.index(f.thing)) for f in stage.fixtures for mesh in f.meshes]

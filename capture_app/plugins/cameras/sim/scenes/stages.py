@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture_app.board.boards import DEFAULT_BOARD
+from capture_app.common.grouping import grouped
 from capture_app.plugins.cameras.sim.scenes.moving_bodies import (
     CYCLE_NS,
     WHEEL_HUB,
@@ -105,10 +106,13 @@ def read_stage(name: str, **drawn: Picture) -> SceneStage:
         table = data["meshes"]
         ends = {kind: table["triangles" if kind == "triangles" else "vertices"].cumsum() for kind in kinds}
         shapes = [np.split(data[kind], ends[kind]) for kind in kinds]
-    meshes: dict[tuple[str, str], list[Mesh]] = {}
-    for row, *shape in zip(table, *shapes, strict=False):
-        mesh = Mesh(texture=str(row["texture"]), **dict(zip(kinds, shape, strict=True)))
-        meshes.setdefault((str(row["part"]), str(row["thing"])), []).append(mesh)
+    meshes = grouped(
+        (
+            (str(row["part"]), str(row["thing"])),
+            Mesh(texture=str(row["texture"]), **dict(zip(kinds, shape, strict=True))),
+        )
+        for row, *shape in zip(table, *shapes, strict=False)
+    )
     parts = {name: Part(thing, own) for (name, thing), own in meshes.items() if name}
     fixtures = [Part(thing, own) for (name, thing), own in meshes.items() if not name]
     textures = set(table["texture"].tolist()) - set(drawn)

@@ -82,4 +82,4 @@ def test_the_other_scenes_show_their_moving_objects_in_every_view(name: str) -> 
         depth, things, movers = scene.ground_truth(view, 8_000_000_000, EXPOSURE_NS, ROW_NS)
         assert (depth > 0).all()
         assert movers.mean() > 0.02
-        assert {scene.things[number] for number in np.unique(things[movers])} <= scene.moving_things
+        assert {*np.unique(things[movers])} <= {*scene._thing_of.values()}

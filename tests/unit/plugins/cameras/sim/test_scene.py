@@ -150,7 +150,7 @@ def test_objects_are_named_and_moving_ones_marked(scene: Scene) -> None:
     _, things, movers = scene.ground_truth("cam04", START_NS, EXPOSURE_NS, ROW_NS)
     names = [scene.things[number] for number in np.unique(things)]
     assert {"figure", "pinwheel", "floor", "walls", "rug", "shelf"} <= set(names)
-    moving = [scene.things.index(name) for name in scene.moving_things]
+    moving = [*scene._thing_of.values()]
     assert np.array_equal(np.isin(things, moving), movers)
 
 

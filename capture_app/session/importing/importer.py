@@ -14,14 +14,12 @@ from itertools import takewhile
 from pathlib import Path
 
 from capture_app.common.errors import BadInputError
-from capture_app.common.names import folder_names, label_of, natural_order
+from capture_app.common.names import IMAGE_SUFFIXES, VIDEO_SUFFIXES, folder_names, label_of, natural_order
 from capture_app.common.plugins import load_plugins
 from capture_app.common.text import command_line, count
-from capture_app.session.format.manifest import IMAGE_SUFFIXES
 from capture_app.session.importing.name_roles import Parse, choose, parse_names
 from capture_app.session.importing.recording_sources import (
     ARCHIVE_SUFFIXES,
-    VIDEO_SUFFIXES,
     Layout,
     Source,
     Video,

@@ -626,13 +626,17 @@ class _Tables:
         for word, after in pairwise((*(word for word in words if word.casefold() not in _FILLERS), "")):
             # Of two words, such as `grab video`, both together decide.
             both = dict.fromkeys(self.lines(word + after.lstrip("-")) if after else (), 2.0)
+            known = {**self.meanings(word), **both}
             # What stands first says more than what follows, unless it says little.
-            first = 1 if not scores else 0
-            for line, weight in {**self.meanings(word), **both}.items():
-                scores[line] = scores.get(line, 0) + weight + first * (weight >= 0.5)
+            known = known if scores else {line: weight + (weight >= 0.5) for line, weight in known.items()}
+            scores.update({line: scores.get(line, 0) + weight for line, weight in known.items()})
         # Who says more asks for the line that says more: `burst --on-motion` is a burst.
         sums = {
-            line: sum(score for other, score in scores.items() if f"{line} ".startswith(f"{_start(other)} "))
+            line: sum(
+                score
+                for other, score in scores.items()
+                if f"{line} ".startswith(f"{other.removesuffix(' --out DIR')} ")
+            )
             for line in scores
         }
         # Of two meanings, `info take1` is about a session, `info` about the rig.
@@ -645,10 +649,6 @@ class _Tables:
 def _weight(word: str) -> float:
     """Return how much a word says: an option less than a word, and `open` or `camera` least."""
     return 0.3 if _plain(word) in map(_plain, _WEAK) else 1 if word[:1] != "-" else 0.6
-
-
-def _start(line: str) -> str:
-    return line.removesuffix(" --out DIR")
 
 
 def _plain(word: str) -> str:
@@ -802,11 +802,10 @@ def _about_folder(word: str) -> str:
 
 def _is_footage(word: str) -> bool:
     """Return whether a word is what people import: the name of a file of theirs, or a folder of theirs."""
-    if word.casefold().endswith(FOOTAGE):
-        return not re.search(r"(\A|[/\\])out[^/\\]*\Z", word)
     # os.path's raise for no word.
     is_folder = word.strip("./") and not _shaped(word) and os.path.isdir(word)  # noqa: PTH112
-    return bool(is_folder and not _session_at(word))
+    is_file = word.casefold().endswith(FOOTAGE) and not re.search(r"(\A|[/\\])out[^/\\]*\Z", word)
+    return bool(is_file or (is_folder and not _session_at(word)))
 
 
 def _session_at(word: str) -> str:
@@ -859,29 +858,25 @@ def _in_our_words(error: click.UsageError, typed_line: Sequence[str]) -> str:
 
 def _in_unit(text: str, option: str) -> str:
     """Return a number such as `2min` in the unit of an option; empty if it has no unit of that kind."""
-    number = re.search(r"(\d+(?:\.\d+)?) ?([a-zA-Z]+)\b", text)
-    for kind in _UNITS if number else ():
-        factor, own = (kind.get(unit.casefold(), 0) for unit in (number[2], option.rpartition("-")[2]))
-        if factor and own:
-            return f"{float(number[1]) * factor / own:.9g}"
-    return ""
+    numbers = re.findall(r"(\d+(?:\.\d+)?) ?([a-z]+)\b", text.casefold())
+    return next(
+        (
+            f"{float(number) * kind[unit] / kind[own]:.9g}"
+            for number, unit in numbers
+            for kind in _UNITS
+            for own in {option.rpartition("-")[2]} & {*kind}
+            if unit in kind
+        ),
+        "",
+    )
 
 
 def _option_for(given: str, ctx: click.Context) -> str:
     """Return how to write an argument that a command does not take; empty if nothing fits."""
     kinds = {param.opts[0]: param.type.name for param in ctx.command.get_params(ctx)}
     # A number is a camera where there are cameras.
-    numbers = (
-        [option for option, kind in kinds.items() if option[:1] == "-" and kind in _NUMBERS]
-        if given.isdecimal() and "--camera" not in kinds
-        else []
-    )
-    with_unit = [
-        f"{option} {value}"
-        for option, kind in kinds.items()
-        if kind in _NUMBERS and (value := _in_unit(given, option))
-    ]
-    if with_unit:
-        return f"write {with_unit[0]}"
-    options = ["--against"] if "--against" in kinds else numbers
-    return f"write {options[0]} {given}" if options else "put the text in quotes" if "text" in kinds else ""
+    takers = [option for option, kind in kinds.items() if option[:1] == "-" and kind in _NUMBERS]
+    options = [f"{option} {value}" for option in takers if (value := _in_unit(given, option))]
+    if "--against" in kinds or (given.isdecimal() and "--camera" not in kinds):
+        options += [f"{option} {given}" for option in ("--against", *takers) if option in kinds]
+    return f"write {options[0]}" if options else "put the text in quotes" if "text" in kinds else ""

@@ -56,6 +56,11 @@ def check_name(text: str, what: str) -> str:
     return text
 
 
+def typed_name(text: str, what: str) -> str:
+    """Return a typed name with '-' for blanks: `my take` is my-take. Raises BadInputError."""
+    return check_name("-".join(text.split()), what)
+
+
 def _is_folder_name(text: str) -> bool:
     return is_name(text) and not text.endswith(".") and not _RESERVED.match(text)
 

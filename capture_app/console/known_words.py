@@ -611,22 +611,25 @@ class _Tables:
         *path, name = re.split(r"[/\\]", word)
         ending = name.rpartition(".")[2]
         pieces = [ending] if path or self.lines(ending) else re.findall("[^.()]{2,}", name[:_MAX_LETTERS])
-        parts: list[str] = []
-        for part in (
+        parts = [
             part for piece in pieces for part in [piece] * bool(self.lines(piece)) or _PART.findall(piece)
-        ):
-            cuts = ([part[:at], part[at:]] for at in range(3, len(part) - 2))
-            parts += next((cut for cut in ([part], *cuts) if all(map(self.lines, cut))), [])
-        parts.sort(key=_weight)
-        return {line: _weight(part) / 2 for part in parts for line in self.lines(part)}
+        ]
+        # A part that says little does not replace one that says more.
+        known = sorted((word for part in parts for word in self._cut(part)), key=_weight)
+        return {line: _weight(word) / 2 for word in known for line in self.lines(word)}
+
+    def _cut(self, part: str) -> list[str]:
+        """Return a known part, or the two known words of which it is; nothing for others."""
+        cuts = ([part[:at], part[at:]] for at in range(3, len(part) - 2))
+        return next((cut for cut in ([part], *cuts) if all(map(self.lines, cut))), [])
 
     def ranked(self, words: Sequence[str]) -> list[str]:
         """Return what the words of a line mean together, the likeliest first."""
         scores: dict[str, float] = {}
         for word, after in pairwise((*(word for word in words if word.casefold() not in _FILLERS), "")):
             # Of two words, such as `grab video`, both together decide.
-            both = dict.fromkeys(self.lines(word + after.lstrip("-")) if after else (), 2.0)
-            known = {**self.meanings(word), **both}
+            both = self.lines(word + after.lstrip("-")) if after else ()
+            known = {**self.meanings(word), **dict.fromkeys(both, 2.0)}
             # What stands first says more than what follows, unless it says little.
             known = known if scores else {line: weight + (weight >= 0.5) for line, weight in known.items()}
             scores.update({line: scores.get(line, 0) + weight for line, weight in known.items()})
@@ -693,21 +696,22 @@ def advise(error: click.UsageError, typed_line: Sequence[str] = ()) -> str:
         return f"{unknown}. Did you mean '{close[0]}'?"
     # An option is asked with its value, and an unknown command with all words of the line.
     value = [word for word in after[:1] if word[:1] != "-"]
-    options = [word for word in after if word[:1] == "-" and word not in near]
-    asked = [word for word in (*after, *before) if not (word in files or os.path.lexists(word))]
-    asked = [typed, *asked, *["footage"][: len(files)]] if names else [typed, *value]
+    others = [word for word in (*after, *before) if not (word in files or os.path.lexists(word))]
+    asked = [typed, *([*others, *["footage"][: len(files)]] if names else value)]
     places = {"SOURCE": footage, "SESSION": next(filter(None, map(_session_at, typed_line[:_MAX_WORDS])), "")}
     # What was typed is not an answer.
     shown = [
-        re.sub("SOURCE|SESSION", lambda place: places[place[0]] or place[0], line)
+        " ".join((re.sub("SOURCE|SESSION", lambda place: places[place[0]] or place[0], line), *number))
         for line in every.ranked(asked)
+        for number in [[*filter(None, (_in_unit(word, line) for word in value))]]
         if line not in words and re.sub(" [A-Z].*", "", line) != path
     ][:3]
-    if shown and value and (number := _in_unit(value[0], shown[0])):
-        shown = [f"{shown[0]} {number}"]
-    answer = f"{unknown}: it is {', or '.join(shown)}" if shown else unknown
-    if isinstance(error, click.NoSuchOption):
-        answer += "".join(f"; {word} is {(*every.ranked([word]), 'unknown, too')[0]}" for word in options)
+    more = [
+        f"{word} is {(*every.ranked([word]), 'unknown, too')[0]}"
+        for word in after
+        if isinstance(error, click.NoSuchOption) and word[:1] == "-" and word not in near
+    ]
+    answer = "; ".join((f"{unknown}: it is {', or '.join(shown)}" if shown else unknown, *more))
     is_source = (*shown, path)[0].startswith(_SOURCES) and not any(map(os.path.lexists, files))
     if footage and not (known or is_source or " import" in answer + path):
         return f"{answer}; footage is imported first: capture-app sessions import {footage}"
@@ -739,15 +743,19 @@ def _tables(
         known = {line: words for line, words in _OPTIONS.items() if line.split()[0] in options}
         known = _OPTIONS_OF.get(path, {}) | known
         known |= {name: f"{name} {known.get(name, '')}" for name in options if name[:2] == "--"}
-    of_session = (
-        _COMMANDS["capture-app sessions"] if names and any(map(_session_at, typed_line[:_MAX_WORDS])) else {}
-    )
     ours = {f"{at.command_path} {name}": name for at in (ctx, root) for name in _names(at)}
     programs = [_COMMANDS.get(name, {}) for name in (root.command_path, "capture-app", "reconstruct")]
     own = {**known, **_COMMANDS.get(path, {})}
-    return _Tables(own), _Tables(
-        of_session, own, ours, programs[0], _EXPORTS, *programs[1 : 3 if names else 1]
+    of_session = "capture-app sessions" if names and any(map(_session_at, typed_line[:_MAX_WORDS])) else ""
+    every = (
+        _COMMANDS.get(of_session, {}),
+        own,
+        ours,
+        programs[0],
+        _EXPORTS,
+        *programs[1 : 3 if names else 1],
     )
+    return _Tables(own), _Tables(*every)
 
 
 def _names(ctx: click.Context) -> list[str]:
@@ -790,22 +798,22 @@ def _at_place(error: click.UsageError, ctx: click.Context, typed_line: Sequence[
 
 def _about_folder(word: str) -> str:
     """Return the lines that import a folder: its pictures need one that says whose they are."""
-    line = f"capture-app sessions import {word}"
     pictures = [path.suffix for path in Path(word).iterdir() if path.suffix.casefold() in IMAGE_SUFFIXES]
-    return f"'{word}' is a folder: " + (
-        f"{line.rstrip('/')}/*{pictures[0]} imports its pictures as one instant, "
-        f"{line.replace(word, f'cam0={word}')} --fps RATE as one camera's"
+    return f"'{word}' is a folder: capture-app sessions import " + (
+        f"{word.rstrip('/')}/*{pictures[0]} imports its pictures as one instant, "
+        f"capture-app sessions import cam0={word} --fps RATE as one camera's"
         if pictures
-        else f"{line} imports it"
+        else f"{word} imports it"
     )
 
 
 def _is_footage(word: str) -> bool:
     """Return whether a word is what people import: the name of a file of theirs, or a folder of theirs."""
     # os.path's raise for no word.
-    is_folder = word.strip("./") and not _shaped(word) and os.path.isdir(word)  # noqa: PTH112
-    is_file = word.casefold().endswith(FOOTAGE) and not re.search(r"(\A|[/\\])out[^/\\]*\Z", word)
-    return bool(is_file or (is_folder and not _session_at(word)))
+    return bool(
+        (word.casefold().endswith(FOOTAGE) and not re.search(r"(\A|[/\\])out[^/\\]*\Z", word))
+        or (word.strip("./") and not _shaped(word) and os.path.isdir(word) and not _session_at(word))  # noqa: PTH112
+    )
 
 
 def _session_at(word: str) -> str:

@@ -669,7 +669,9 @@ def _shaped(word: str) -> list[str]:
 
 def advise(error: click.UsageError, typed_line: Sequence[str] = ()) -> str:
     """Return the message of a usage error, with what was probably meant by the words of the line."""
-    named = [(before, word) for before, word in pairwise(("", *typed_line)) if word[:1] != "-"]
+    path, names = (error.ctx.command_path, _names(error.ctx)) if error.ctx else ("", [])
+    ours = path.split()
+    named = [(a, word) for a, word in pairwise(("", *typed_line)) if word[:1] != "-" and word not in ours]
     models = [word for before, word in named if word.casefold().endswith(_MODELS) and before[:1] != "-"]
     if models and isinstance(error, click.MissingParameter | click.NoSuchCommand):
         return f"'{models[0]}' is a 3D model: Blender shows it, and reconstruct view shows sessions"
@@ -683,12 +685,11 @@ def advise(error: click.UsageError, typed_line: Sequence[str] = ()) -> str:
     unknown, typed = _unknown(error, extra[1] if extra else "", typed_line)
     if extra and not footage and (option := _option_for(extra[1], error.ctx)):
         return f"{unknown} ({option})"
-    path, names = error.ctx.command_path, _names(error.ctx)
     own, every = _tables(error, error.ctx, typed_line)
     split = (word.split("=", 1) if word[:2] == "--" else [word] for word in typed_line[:_MAX_WORDS])
     words = [word for parts in split for word in parts if not word.isdecimal()]
     at = words.index(typed) if typed in words else len(words)
-    after, before = words[at + 1 :], [word for word in words[:at] if word not in path.split()]
+    after, before = words[at + 1 :], [word for word in words[:at] if word not in ours]
     near = names if isinstance(error, click.NoSuchCommand) else _options(error.ctx)
     known = own.lines(typed) or (own.lines(typed + after[0].lstrip("-")) if after else [])
     close = get_close_matches(typed.casefold(), near, 1, _CLOSE)

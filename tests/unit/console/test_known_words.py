@@ -591,6 +591,9 @@ def test_a_folder_or_a_picture_as_a_command_is_imported_first(
     ):
         assert run_capture_app(typed.split()) == ExitCode.USAGE
         assert answer in capfd.readouterr().err
+    (tmp_path / "sessions").mkdir()
+    assert run_capture_app(["sessions", "frobnicate"]) == ExitCode.USAGE
+    assert "footage" not in capfd.readouterr().err
     assert run_reconstruct(["splat", "photos"]) == ExitCode.USAGE
     assert "footage is imported first: capture-app sessions import photos" in capfd.readouterr().err
 

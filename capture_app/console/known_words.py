@@ -42,7 +42,7 @@ _COMMANDS = {
         "capture-app rig start": "start up run launch init startup boot begin apply-rig deploy deployment "
         "create-rig serve-start daemon",
         "capture-app rig stop": "stop down quit kill shutdown end halt terminate teardown shut-down "
-        "poweroff exit-rig stop-server kill-server exit close",
+        "poweroff exit-rig stop-server kill-server exit close taskkill",
         "capture-app, without a command": "ui tui gui screen app open studio shell console interactive obs "
         "start-ui window desktop bash menu wizard interface attach-screen",
         "capture-app serve": "web browser",
@@ -85,12 +85,12 @@ _COMMANDS = {
         "align load pull fetch merge concat process-data ns-process-data import-videos open-video "
         "extract-frames join-videos hstack vstack add-videos add-new-videos import pull-video "
         "download-footage add-footage open-folder multicam-sync align-videos sync-audio stitch-videos "
-        "input-files convert-video put-together together combine",
+        "input-files convert-video put-together together combine sincronizar synchroniser synchronisieren",
         "capture-app sessions sheet SESSION": "contact-sheet thumbnails sheet view-pictures see-pictures "
         "show-pictures view-photos see-photos show-photos slideshow",
         "capture-app demo": "simulate sim simulated simulation fake virtual hello test-pattern testsrc "
         "example test-source mock dry-run tutorial quickstart getting-started try samples get-started "
-        "without-cameras no-cameras practice learn",
+        "without-cameras practice learn",
         "capture-app sessions show SESSION": "inspect describe probe info details metadata timestamps "
         "checkout ffprobe summary size mediainfo exif exiftool properties show stat cat head about size-of "
         "identify show-recording show-video play-recording see-result",
@@ -106,7 +106,7 @@ _COMMANDS = {
         "capture-app doctor": "check diagnose test disk space storage du firewall network wifi troubleshoot "
         "debug self-test selftest lint env environment system-info sysinfo about-system check-install "
         "battery temperature power usage gpu cpu memory permissions driver drivers ncdu df error errors "
-        "problem broken work not-work not-found",
+        "problem broken work not-work not-found no-camera",
         "capture-app, by the line that installed it (docs/install.md)": "update upgrade install",
         "capture-app, by make uninstall or pip uninstall simulshot": "uninstall",
         "capture-app phones": "phone mobile android ios qr join-qr pair-qr iphone ipad smartphone tablet apk "
@@ -158,8 +158,8 @@ _COMMANDS = {
         "capture-app cameras characterize SPEC": "characterize benchmark",
         "capture-app cameras calibrate-time": "calibrate-time delay delays lag measure-delay measure-latency",
         "capture-app cameras set exposure=4000, in µs": "exposure exposure-time exposure-absolute "
-        "exposure-us shutter shutter-speed auto-exposure ae ev shutterspeed exposure-compensation "
-        "aperture brightness",
+        "exposure-us shutter shutter-speed auto-exposure ae ev shutterspeed exposure-compensation aperture "
+        "brightness light-meter meter",
         "capture-app cameras set gain=2": "gain iso analogue-gain gain-db isospeed analog-gain",
         "capture-app cameras set focus=auto": "focus autofocus auto-focus af focus-absolute zoom lens-focus",
         "capture-app cameras set white-balance=5000, in kelvin": "white-balance whitebalance wb awb "
@@ -194,7 +194,7 @@ _COMMANDS = {
         "capture-app sessions export SESSION --to splats": "postshot",
         "capture-app panel read SESSION": "timecode-read read-panel",
         "capture-app coverage": "coverage-map board-coverage live-calibration",
-        "capture-app record --fps N": "slow-motion slowmo slow-mo high-speed highspeed hfr",
+        "capture-app record --fps N": "slow-motion slowmo slow-mo high-speed highspeed hfr slow-video",
         "capture-app record --seconds S": "seconds minutes duration length",
     },
     "capture-app sessions": {
@@ -692,9 +692,14 @@ def advise(error: click.UsageError, typed_line: Sequence[str] = ()) -> str:
     after, before = words[at + 1 :], [word for word in words[:at] if word not in ours]
     near = names if isinstance(error, click.NoSuchCommand) else _options(error.ctx)
     known = own.lines(typed) or (own.lines(typed + after[0].lstrip("-")) if after else [])
+    more = [
+        f"{word} is {(*every.ranked([word]), 'unknown, too')[0]}"
+        for word in after
+        if isinstance(error, click.NoSuchOption) and word[:1] == "-" and word not in near
+    ]
     close = get_close_matches(typed.casefold(), near, 1, _CLOSE)
     if close and ((not after and _plain(close[0]) == _plain(typed)) or not (known or _weight(typed) < 0.5)):
-        return f"{unknown}. Did you mean '{close[0]}'?"
+        return "; ".join((f"{unknown}. Did you mean '{close[0]}'?", *more))
     # An option is asked with its value, and an unknown command with all words of the line.
     value = [word for word in after[:1] if word[:1] != "-"]
     others = [word for word in (*after, *before) if not (word in files or os.path.lexists(word))]
@@ -707,11 +712,6 @@ def advise(error: click.UsageError, typed_line: Sequence[str] = ()) -> str:
         for number in [[*filter(None, (_in_unit(word, line) for word in value))]]
         if line not in words and re.sub(" [A-Z].*", "", line) != path
     ][:3]
-    more = [
-        f"{word} is {(*every.ranked([word]), 'unknown, too')[0]}"
-        for word in after
-        if isinstance(error, click.NoSuchOption) and word[:1] == "-" and word not in near
-    ]
     answer = "; ".join((f"{unknown}: it is {', or '.join(shown)}" if shown else unknown, *more))
     is_source = (*shown, path)[0].startswith(_SOURCES) and not any(map(os.path.lexists, files))
     if footage and not (known or is_source or " import" in answer + path):

@@ -319,7 +319,7 @@ capture-app burst -t 1/500 > capture-app cameras set exposure=4000
 capture-app burst --number 9 --iso 400 --foo > --iso is capture-app cameras set gain=2; --foo is unknown
 capture-app --shutter-speed 1/250 --iso 800 burst > burst; --iso is capture-app cameras set gain=2
 capture-app node --fps 60 --width 1280 > fps=N,width=W; --width is capture-app node --camera
-reconstruct splat x --iteration 7 --device cuda > Did you mean '--iterations'?; --device is unknown, too
+reconstruct splat x --iterattions 7 --device cuda > Did you mean '--iterations'?; --device is
 capture-app no camera found > it is capture-app doctor
 capture-app please take a picture > it is capture-app burst (
 capture-app stop the recording > it is capture-app record --stop

@@ -18,10 +18,10 @@ LEAD = (
     "program's own, but its cameras, clocks, links and LED panels are models."
 )
 KEY = (
-    "✓, ✗: with the paper's protocol, our value is at most the paper's, or larger. =: the paper's number "
-    "is an input of the model: agreement shows nothing."
+    "Two columns are ours. ✓, ✗: with the paper's protocol, our value is at most the paper's, or larger. "
+    "=: the paper's number is an input of the model: agreement shows nothing."
 )
-HEAD = ("", "paper", "ours, its protocol", "ours, default")
+HEAD = ("", "paper", "its protocol", "default")
 APPLICATIONS_LEAD = (
     "Other commands make these from the bundled, simulated sessions. The paper shows pictures without "
     "numbers."

@@ -54,8 +54,7 @@ class Gltf:
 
     def encode(self) -> bytes:
         """Return the file as JSON with the buffer inside (.gltf)."""
-        data = base64.b64encode(self._data).decode()
-        return self._json(uri=f"data:application/octet-stream;base64,{data}")
+        return self._json(uri=f"data:application/octet-stream;base64,{base64.b64encode(self._data).decode()}")
 
     def encode_binary(self) -> bytes:
         """Return the file in its binary form (.glb)."""

@@ -21,8 +21,13 @@ _NO_LABEL = re.compile(r"[\x00-\x1f\x7f-\x9f=/\\]+")
 _RESERVED = re.compile(r"^(con|prn|aux|nul|com\d|lpt\d)(?=\.|$)", re.IGNORECASE)
 """Windows' devices: a folder cannot have their names, whatever follows a dot, and none may end with a dot."""
 
-FOOTAGE = (".mp4", ".mov", ".mkv", ".avi", ".mts", ".jpg", ".jpeg", ".png", ".tif", ".tiff")
-"""Endings of the names of files that people take for a session, or for a command."""
+IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff")
+VIDEO_SUFFIXES = (
+    *(".mp4", ".mov", ".avi", ".mkv", ".m4v", ".webm", ".insv"),
+    *(".mjpg", ".mjpeg", ".mpg", ".mpeg", ".h264", ".264", ".mts", ".m2ts", ".ts", ".wmv"),
+)
+FOOTAGE = (*VIDEO_SUFFIXES, *IMAGE_SUFFIXES)
+"""Endings of the names of files that are imported, and that people take for a session or a command."""
 
 Name = Annotated[str, Meta(pattern=rf"^{_PATTERN}$(?!\n)")]
 """Type of a name in messages and records. Python's `$` alone would accept a line end after it."""
@@ -49,6 +54,11 @@ def check_name(text: str, what: str) -> str:
             + (f", such as {near}" if near else ""),
         )
     return text
+
+
+def typed_name(text: str, what: str) -> str:
+    """Return a typed name with '-' for blanks: `my take` is my-take. Raises BadInputError."""
+    return check_name("-".join(text.split()), what)
 
 
 def _is_folder_name(text: str) -> bool:

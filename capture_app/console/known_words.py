@@ -12,7 +12,7 @@ from pathlib import Path
 
 import click
 
-from capture_app.common.names import FOOTAGE
+from capture_app.common.names import FOOTAGE, IMAGE_SUFFIXES
 
 OVERVIEW = (
     ". There are capture-app rig start, burst and record; capture-app sessions import FOLDER, list, show, "
@@ -27,36 +27,36 @@ _COMMANDS = {
         "capture-app burst": "capture shoot take snap photo picture snapshot shot trigger frames grab arm "
         "fire still stills getsnapshot imwrite screencap release photograph screenshot capture-image "
         "capture-photo capture-still capture-frame capture-frames jpeg jpg raw shots bulb photos "
-        "capture-pictures selfie click pic pics snap-photo expose",
+        "foto fotos bild fotografia capture-pictures selfie click pic pics snap-photo expose",
         "capture-app burst --name NAME, or record --name NAME": "new create create-session new-session "
         "project branch new-take",
         "capture-app burst --interval-s S": "timelapse time-lapse interval intervalometer shoot-interval "
-        "capture-interval",
+        "capture-interval every",
         "capture-app burst --on-motion": "motion motion-detection watch-trigger wait-event event pir "
         "motion-trigger",
-        "capture-app record": "video film movie rec recording grab-video capture-video vid vids screenrecord "
-        "screencast camcorder videowriter video-writer capture-movie capture-film recorder rec-video "
-        "cam-record roll clip-record",
+        "capture-app record": "video film movie rec recording grab-video capture-video vid vids "
+        "screenrecord screencast camcorder videowriter video-writer capture-movie capture-film recorder "
+        "rec-video cam-record roll clip-record grabar aufnahme aufnehmen enregistrer gravar make-video",
         "capture-app record --stop": "end-recording stop-recording pause stop-record end-record stop-capture "
-        "cut-recording",
+        "cut-recording finish",
         "capture-app rig start": "start up run launch init startup boot begin apply-rig deploy deployment "
         "create-rig serve-start daemon",
-        "capture-app rig stop": "stop down quit kill shutdown end halt terminate teardown shut-down poweroff "
-        "exit-rig stop-server kill-server",
+        "capture-app rig stop": "stop down quit kill shutdown end halt terminate teardown shut-down "
+        "poweroff exit-rig stop-server kill-server exit close taskkill",
         "capture-app, without a command": "ui tui gui screen app open studio shell console interactive obs "
         "start-ui window desktop bash menu wizard interface attach-screen",
         "capture-app serve": "web browser",
         "capture-app leader": "server master host main controller serve-rig hub coordinator primary "
         "sync-server master-clock controller-start",
         "capture-app node --camera SPEC": "client slave join connect worker agent attach tether tethered "
-        "videocapture videostream video-stream capture-device listen subscribe add-node join-rig "
-        "connect-to daemon-node agent-start",
+        "videocapture videostream video-stream capture-device listen subscribe add-node join-rig connect-to "
+        "daemon-node agent-start ssh run-node start-node",
         "capture-app cameras": "devices list-devices list-cameras webcam webcams ls-cameras scan discover "
-        "sources source input inputs videoinput auto-detect autodetect detect imaqhwinfo dshow "
-        "avfoundation v4l2 v4l lsusb enumerate list-sources cam cams usb usb-cameras root-hub lsdev "
-        "probe-cameras find find-cameras available input-devices hardware list-ports usb-ports "
-        "list-inputs list-formats-ext framesizes frame-sizes list-framesizes list-frameintervals "
-        "sensors sensor",
+        "sources source input inputs videoinput auto-detect autodetect detect imaqhwinfo dshow avfoundation "
+        "v4l2 v4l lsusb enumerate list-sources cam cams usb usb-cameras root-hub lsdev probe-cameras find "
+        "find-cameras available input-devices hardware list-ports usb-ports list-inputs list-formats-ext "
+        "framesizes frame-sizes list-framesizes list-frameintervals sensors sensor scan-network "
+        "find-devices",
         "capture-app cameras add SPEC": "add-camera addcamera add add-source add-device add-input "
         "create-input source-add",
         "capture-app node --camera SPEC,fps=N,width=W": "fps framerate resolution mode format size width "
@@ -66,7 +66,7 @@ _COMMANDS = {
         "authenticate remote-add",
         "capture-app sessions list": "ls list takes library images files gallery log history lsl lsf lsd "
         "lsjson tree sessions-list dir catalog archive-list db database show-all l take-list "
-        "recordings-list index",
+        "recordings-list index where where-videos my-videos results see-results",
         "capture-app sessions trash SESSION": "delete rm remove del rmi trash unlink erase destroy drop "
         "discard rmdir",
         "capture-app sessions export SESSION": "convert save archive copy cp backup upload download push "
@@ -81,28 +81,32 @@ _COMMANDS = {
         "bitrate encoder mkv avi h264 remux",
         "capture-app sessions restore SESSION": "undo undelete untrash revert restore recover-deleted "
         "rollback reset-take undelete-take",
-        "capture-app sessions import SOURCE": "ingest gopro dji multicam clips sync synchronize align load "
-        "pull fetch merge concat process-data ns-process-data import-videos open-video extract-frames "
-        "hstack vstack add-videos add-new-videos import pull-video download-footage add-footage "
-        "open-folder multicam-sync align-videos sync-audio stitch-videos input-files convert-video",
-        "capture-app sessions sheet SESSION": "contact-sheet thumbnails sheet",
-        "capture-app demo": "simulate sim simulated simulation fake virtual hello "
-        "test-pattern testsrc example test-source mock dry-run tutorial "
-        "quickstart getting-started try samples",
+        "capture-app sessions import SOURCE": "footage gopro ingest dji multicam clips sync synchronize "
+        "align load pull fetch merge concat process-data ns-process-data import-videos open-video "
+        "extract-frames join-videos hstack vstack add-videos add-new-videos import pull-video "
+        "download-footage add-footage open-folder multicam-sync align-videos sync-audio stitch-videos "
+        "input-files convert-video put-together together combine sincronizar synchroniser synchronisieren",
+        "capture-app sessions sheet SESSION": "contact-sheet thumbnails sheet view-pictures see-pictures "
+        "show-pictures view-photos see-photos show-photos slideshow",
+        "capture-app demo": "simulate sim simulated simulation fake virtual hello test-pattern testsrc "
+        "example test-source mock dry-run tutorial quickstart getting-started try samples get-started "
+        "without-cameras practice learn",
         "capture-app sessions show SESSION": "inspect describe probe info details metadata timestamps "
-        "checkout ffprobe summary size mediainfo exif exiftool properties show stat cat head about "
-        "size-of identify",
+        "checkout ffprobe summary size mediainfo exif exiftool properties show stat cat head about size-of "
+        "identify show-recording show-video play-recording see-result",
         "capture-app sessions verify SESSION": "check verify validate fsck cryptcheck checksum md5sum sha256 "
         "hashsum integrity",
         "capture-app sessions wiggle SESSION": "play wiggle gif animate animation boomerang loop",
         "capture-app sessions empty-trash": "purge clean empty-trash prune",
-        "capture-app status": "sync-check sync-status test-sync sync-test nodes info stats state health sync "
-        "synchronize genlock jam jam-sync accuracy clock latency dropped drops top ping pods "
-        "node-status cluster cluster-info topic topics heartbeat echo hz state-of ready readiness "
-        "sync-state drift jitter bandwidth monitor-status get-state health-check healthcheck",
+        "capture-app status": "sync-check sync-status test-sync sync-test nodes info stats state health "
+        "sync synchronize genlock jam jam-sync accuracy clock latency dropped drops top ping pods "
+        "node-status check-sync check-synchronization cluster cluster-info topic topics heartbeat echo hz "
+        "state-of ready readiness sync-state drift jitter bandwidth monitor-status get-state health-check "
+        "healthcheck",
         "capture-app doctor": "check diagnose test disk space storage du firewall network wifi troubleshoot "
         "debug self-test selftest lint env environment system-info sysinfo about-system check-install "
-        "battery temperature power usage gpu cpu memory permissions driver drivers ncdu df",
+        "battery temperature power usage gpu cpu memory permissions driver drivers ncdu df error errors "
+        "problem broken work not-work not-found no-camera",
         "capture-app, by the line that installed it (docs/install.md)": "update upgrade install",
         "capture-app, by make uninstall or pip uninstall simulshot": "uninstall",
         "capture-app phones": "phone mobile android ios qr join-qr pair-qr iphone ipad smartphone tablet apk "
@@ -111,12 +115,12 @@ _COMMANDS = {
         "view-live liveview live-view hls preview-all viewfinder multiview-live mirror watch-live rtmp "
         "broadcast-start",
         "capture-app --version": "version",
-        "capture-app --help": "help man manual usage commands docs documentation explain",
+        "capture-app --help": "help man manual usage commands docs documentation explain ? ayuda aide hilfe",
         "capture-app people": "osc vmc live-people livemocap live-mocap avatar vtuber live-pose "
         "realtime-mocap",
         "reconstruct calibrate SESSION": "calibrate calibration calib intrinsics extrinsics lens lenses "
-        "calibrator camera-calibration camera-calibrator undistort chessboard-calibrate "
-        "calibrate-camera calibrate-intrinsics stereo-calibrate poses-calibrate wand",
+        "hand-eye calibrator camera-calibration camera-calibrator undistort chessboard-calibrate "
+        "calibrate-camera calibrate-intrinsics stereo-calibrate poses-calibrate wand kalibr",
         "reconstruct, a command of its own": "reconstruct",
         "reconstruct multiview SESSION --out DIR": "photogrammetry depth depthmap depth-map mesh pointcloud "
         "3d multiview sfm mvs volumetric ply scan obj model dense build reconstruct-3d point-clouds "
@@ -130,7 +134,7 @@ _COMMANDS = {
         "reconstruct people SESSION --out DIR": "gait angles pose2d pose3d markerless pose poses skeleton "
         "mocap joints keypoints triangulate c3d bvh trc blender freemocap mediapipe openpose opencap "
         "deeplabcut dlc fbx motion-capture body-tracking estimate-pose track-people skeletons smpl face "
-        "hands hand animal animals keypoint label label-videos pose-2d",
+        "hands hand animal animals keypoint label label-videos pose-2d 3d-pose pose-3d",
         "reconstruct movers SESSION --out DIR": "matte mattes mask masks movers greenscreen green-screen "
         "chroma-key background background-removal segment",
         "reconstruct compare SESSION --out DIR": "compare evaluate report",
@@ -154,8 +158,8 @@ _COMMANDS = {
         "capture-app cameras characterize SPEC": "characterize benchmark",
         "capture-app cameras calibrate-time": "calibrate-time delay delays lag measure-delay measure-latency",
         "capture-app cameras set exposure=4000, in µs": "exposure exposure-time exposure-absolute "
-        "exposure-us shutter shutter-speed auto-exposure ae ev shutterspeed exposure-compensation "
-        "aperture brightness",
+        "exposure-us shutter shutter-speed auto-exposure ae ev shutterspeed exposure-compensation aperture "
+        "brightness light-meter meter",
         "capture-app cameras set gain=2": "gain iso analogue-gain gain-db isospeed analog-gain",
         "capture-app cameras set focus=auto": "focus autofocus auto-focus af focus-absolute zoom lens-focus",
         "capture-app cameras set white-balance=5000, in kelvin": "white-balance whitebalance wb awb "
@@ -175,7 +179,8 @@ _COMMANDS = {
         "capture-app cameras set CONTROL=VALUE, such as exposure=4000": "settings config controls set "
         "set-config set-ctrl param params property properties edit patch configure configuration adjust "
         "tune option options parameters",
-        "capture-app preview CAMERA": "capture-preview preview-window image-view imageview",
+        "capture-app preview CAMERA": "capture-preview preview-window image-view imageview open-camera "
+        "open-webcam",
         "capture-app relay LEADER": "repeater bridge proxy forward tunnel",
         "capture-app leader --lsl": "lab-streaming-layer",
         "capture-app mark TEXT": "marker event-marker bookmark",
@@ -189,7 +194,7 @@ _COMMANDS = {
         "capture-app sessions export SESSION --to splats": "postshot",
         "capture-app panel read SESSION": "timecode-read read-panel",
         "capture-app coverage": "coverage-map board-coverage live-calibration",
-        "capture-app record --fps N": "slow-motion slowmo slow-mo high-speed highspeed hfr",
+        "capture-app record --fps N": "slow-motion slowmo slow-mo high-speed highspeed hfr slow-video",
         "capture-app record --seconds S": "seconds minutes duration length",
     },
     "capture-app sessions": {
@@ -225,19 +230,19 @@ _COMMANDS = {
         "reconstruct multiview SESSION --mesh --out DIR": "glb gltf mesh poisson mesher poisson-mesher",
         "reconstruct stereo SESSION --out DIR": "disparity sgbm pair rectify stereo-image-proc bm depth-pair "
         "stereo-match",
-        "reconstruct calibrate SESSION --mark CAMERA=X,Y --distance-m M": "scale align-gcp gcp",
+        "reconstruct calibrate SESSION --mark CAMERA=X,Y --distance-m M": "scale align-gcp gcp height",
         "reconstruct view SESSION --page --out DIR": "share",
         "reconstruct calibrate SESSION": "sfm sparse mapper calib calibration intrinsics extrinsics poses "
-        "colmap feature-extractor exhaustive-matcher sequential-matcher image-undistorter "
-        "bundle-adjuster matcher global-mapper point-triangulator triangulator database "
-        "database-creator aligner model-aligner configurator rig-configurator calibrator "
-        "camera-calibration undistort solve slam camera-solve camera-track matchmove estimate "
-        "parameters bundle adjuster rig-bundle-adjuster calibrate-intrinsics calibrate-extrinsics "
-        "calibrate-camera intrinsic extrinsic vocab-tree-matcher analyzer model-analyzer register "
-        "image-registrator align-cameras poses-calibrate stereo-calibrate transform scale-model hloc "
-        "superglue glomap detect detect-board detect-markers aruco reprojection reprojection-error "
-        "residuals color-extractor spatial rig sift features matching matches keypoints-match "
-        "camera-model camera-params essential fundamental homography pnp solvepnp",
+        "colmap feature-extractor exhaustive-matcher sequential-matcher image-undistorter bundle-adjuster "
+        "matcher global-mapper point-triangulator triangulator database database-creator aligner "
+        "model-aligner configurator rig-configurator calibrator camera-calibration undistort solve slam "
+        "camera-solve camera-track matchmove estimate parameters bundle adjuster rig-bundle-adjuster "
+        "calibrate-intrinsics calibrate-extrinsics calibrate-camera intrinsic extrinsic vocab-tree-matcher "
+        "analyzer model-analyzer register image-registrator align-cameras poses-calibrate stereo-calibrate "
+        "transform scale-model hloc superglue glomap detect detect-board detect-markers aruco reprojection "
+        "reprojection-error residuals color-extractor spatial rig sift features matching matches "
+        "keypoints-match hand-eye odometry vo vio camera-model camera-params essential fundamental "
+        "homography pnp solvepnp camera-info kalibr",
         "reconstruct splat SESSION --out DIR": "splats gsplat gaussian gaussians gaussian-splat "
         "gaussian-splatting splatfacto train 3dgs nerf nerfacto ngp instant-ngp gs gsplats "
         "radiance-field fit optimize optimise neus gsplat-train supersplat brush postshot 3d-gaussians "
@@ -246,20 +251,20 @@ _COMMANDS = {
         "180",
         "reconstruct view SESSION --out DIR": "orbit flythrough walk play render novel-view bullet-time "
         "bullettime wiggle viewer visualize visualise visualization rviz viz plot display rendering "
-        "blend blender animate animation render-video turntable interpolate slerp fly viser render-anim "
+        "blend animate animation render-video turntable interpolate slerp fly viser render-anim "
         "render-output open3d meshlab gif film movie mp4 webp",
         "reconstruct time SESSION": "sync synchronize align offset offsets synchronise time-sync genlock "
         "audio-sync",
         "reconstruct people SESSION --keypoints FOLDER --out DIR": "import-keypoints import-labels "
         "load-keypoints load-labels",
         "reconstruct people SESSION --out DIR": "gait angles pose2d pose3d markerless pose skeleton mocap "
-        "joints keypoints motion-capture human body triangulate c3d bvh trc freemocap mediapipe "
-        "openpose opencap anipose deeplabcut dlc fbx label labeled label-3d filter filter-3d "
-        "filterpredictions analyze analyse predict inference smpl smooth process process-recording "
-        "process-session project-2d reproject estimate-pose pose-estimation estimate track-people lift "
-        "lift-3d dance walk-cycle retarget rig-animation vicon opensim bodies person humans kinematics "
-        "detections detection create-video-with-all-detections label-2d pose-2d triangulate-3d "
-        "inverse-kinematics ik gait-analysis yolo rtmpose vitpose hrnet alphapose sleap smplx",
+        "joints keypoints motion-capture human body triangulate c3d bvh trc freemocap mediapipe openpose "
+        "opencap anipose deeplabcut dlc fbx label labeled label-3d filter filter-3d filterpredictions "
+        "analyze analyse predict inference smpl smooth process process-recording process-session project-2d "
+        "reproject estimate-pose pose-estimation estimate track-people lift lift-3d dance walk-cycle "
+        "retarget rig-animation vicon opensim bodies person humans kinematics detections detection "
+        "create-video-with-all-detections label-2d pose-2d triangulate-3d inverse-kinematics ik "
+        "gait-analysis yolo rtmpose vitpose hrnet alphapose sleap smplx 3d-pose pose-3d 3d-skeleton",
         "reconstruct movers SESSION --out DIR": "matte mattes mask masks segment rotoscope greenscreen "
         "green-screen background background-removal foreground matting segmentation remove-background "
         "roto sam mask-out silhouettes silhouette",
@@ -345,7 +350,7 @@ FORMATS = {
     "colmap": "metashape agisoft realitycapture realityscan openmvs",
     "caliscope": "anipose",
     "pose2sim": "opensim mocap",
-    "mcap": "foxglove ros rosbag ros2bag bag",
+    "mcap": "foxglove ros ros2 rosbag rosbag2 ros2bag bag",
     "rrd": "rerun",
     "mp4": "video videos film movie h264 h265 hevc mov prores avi mkv webm after-effects aftereffects ae "
     "nuke fusion unreal unity",
@@ -375,7 +380,7 @@ _ACTIONS = {
 }
 """Actions of the screen that are not commands, written as if they were, with other words for them."""
 _OPTIONS = {
-    "--frames": "count n num number num-frames shots burst images vframes F number-of-frames limit",
+    "--frames": "count n num number num-frames shots images photos pictures vframes F number-of-frames limit",
     "--count": "n num frames number max-frames vframes",
     "--out": "output o out-dir output-dir output-path dir dest destination outfile workspace-path to "
     "export-dir save save-path write-to output-file",
@@ -389,7 +394,7 @@ _OPTIONS = {
     "--leader": "server host address ip connect url leader-address master hub remote h",
     "--sessions": "dir folder out output data output-dir save-dir storage path",
     "--name": "label title tag n O session take filename prefix file-name",
-    "--json": "output-json as-json machine o-json pretty raw",
+    "--json": "output-json as-json machine o-json pretty",
     "--port": "p listen listen-port tcp-port",
     "--host": "bind address ip listen",
     "--instant": "frame frames index at time timestamp frame-index start",
@@ -419,7 +424,7 @@ _OPTIONS = {
     "--to mp4": "codec mp4 video prores",
     "--align": "sync audio by",
     "--page": "paper",
-    "--wait-s": "timeout wait",
+    "--wait-s": "timeout wait delay timer countdown self-timer",
     "--masks": "mask",
     "--lens": "camera-model model distortion",
     "--spz": "compress",
@@ -461,14 +466,71 @@ _SHAPES = {
     r"\d": "capture-app node --camera webcam:{}, or capture-app cameras",
     r"(?:rtsps?://|(?:v4l2|webcam|sim|libcamera|aravis|replay):).+": "capture-app node --camera {}",
     r"\d+(?:\.\d+){3}(?::\d+)?": "--leader {0}, or capture-app trust pair {0}",
-    r"\d{3,5}x\d{3,5}": "capture-app node --camera SPEC,fps=N,width=W",
+    r"1/\d+": "capture-app cameras set exposure=4000, in µs",
+    r"(\d+(fps|hz)|\d{3,5}x\d{3,5})": "capture-app node --camera SPEC,fps=N,width=W",
 }
 """What a word means by its shape: a camera, the address of a leader, or a size."""
 _WEAK = {
-    *("add", "all", "create", "get", "list", "make", "new", "open", "run", "set", "show", "start", "take"),
-    *("camera", "data", "file", "path", "save", "session", "video"),
+    *(
+        "add",
+        "all",
+        "begin",
+        "connect",
+        "convert",
+        "create",
+        "do",
+        "export",
+        "finish",
+        "get",
+        "join",
+        "list",
+        "make",
+    ),
+    *(
+        "new",
+        "open",
+        "out",
+        "output",
+        "run",
+        "save",
+        "see",
+        "set",
+        "show",
+        "start",
+        "take",
+        "to",
+        "use",
+        "view",
+    ),
+    *("camera", "data", "file", "format", "path", "session"),
+    *("adb", "colmap", "ffmpeg", "obs", "python"),
 }
 """Words that say less than the others of a line, as in `list-devices`."""
+_FILLERS = {
+    *(
+        "a",
+        "an",
+        "are",
+        "by",
+        "can",
+        "do",
+        "for",
+        "from",
+        "how",
+        "i",
+        "in",
+        "is",
+        "it",
+        "last",
+        "me",
+        "my",
+        "not",
+        "of",
+        "on",
+    ),
+    *("our", "please", "the", "this", "to", "two", "want", "with", "your"),
+}
+"""Words of a sentence that say nothing."""
 _SOURCES = ("capture-app burst", "capture-app record", "capture-app node", "capture-app preview")
 """Commands that make footage: a file that is named beside them is not imported first."""
 _MODELS = (".glb", ".gltf", ".obj", ".ply", ".usdz")
@@ -490,6 +552,23 @@ _LISTS = {
     "SESSION": "capture-app sessions list shows what is there",
 }
 """Commands that list the values of an option or argument."""
+_PART = re.compile("[0-9]*[A-Z]?[a-z][a-z0-9]*|[A-Z]+(?![a-z])")
+_UNITS = [
+    {unit: factor for units, factor in kind.items() for unit in units.split()}
+    for kind in (
+        {
+            "us": 1e-6,
+            "ms": 1e-3,
+            "s sec secs second seconds": 1,
+            "min mins minute minutes": 60,
+            "h hour hours": 3600,
+        },
+        {"mm": 1, "cm": 10},
+        {"fps hz rate": 1},
+    )
+]
+"""Units of time, length and rate, which people write after a number and our options have in their names."""
+_ENDING = re.compile("(?<=...)(ations?|at(e[sd]?|ing)|ings?|ed|es?|s)$")
 _TOO_MANY = re.compile(r"Got unexpected extra arguments? \((.*)\)", re.DOTALL)
 _CLOSE = 0.75
 """Similarity from which a name counts as mistyped; click's own 0.6 takes `--json` for `--count`."""
@@ -524,22 +603,62 @@ class _Tables:
         answers = ([line for line in rows if _plain(word) in rows[line]] for rows in self._tables)
         return next(filter(None, answers), _shaped(word))
 
-    def lines_of_parts(self, word: str) -> list[str]:
-        """Return what the parts of a compound mean, such as `take-photo`, `takePhoto` or `takephoto`."""
-        word = "" if {".", "/"} & {*word} else word[:_MAX_LETTERS]
-        parts: list[str] = []
-        for part in re.findall("[0-9]*[A-Z]?[a-z][a-z0-9]*|[A-Z]+(?![a-z])", word):
-            cuts = ([part[:at], part[at:]] for at in range(3, len(part) - 2))
-            parts += next((cut for cut in ([part], *cuts) if all(map(self.lines, cut))), [])
-        strong = [line for part in parts if _plain(part) not in _WEAK for line in self.lines(part)]
-        return strong or [line for part in parts for line in self.lines(part)]
+    def meanings(self, word: str) -> dict[str, float]:
+        """Return lines and weights of a word, or of the parts of `take-photo`, `takePhoto` or `takephoto`."""
+        if lines := self.lines(word):
+            return dict.fromkeys(lines, _weight(word))
+        # Of a file's name, the ending says what it holds, and of a path nothing else does.
+        *path, name = re.split(r"[/\\]", word)
+        ending = name.rpartition(".")[2]
+        pieces = [ending] if path or self.lines(ending) else re.findall("[^.()]{2,}", name[:_MAX_LETTERS])
+        parts = [
+            part for piece in pieces for part in [piece] * bool(self.lines(piece)) or _PART.findall(piece)
+        ]
+        # A part that says little does not replace one that says more.
+        known = sorted((word for part in parts for word in self._cut(part)), key=_weight)
+        return {line: _weight(word) / 2 for word in known for line in self.lines(word)}
+
+    def _cut(self, part: str) -> list[str]:
+        """Return a known part, or the two known words of which it is; nothing for others."""
+        cuts = ([part[:at], part[at:]] for at in range(3, len(part) - 2))
+        return next((cut for cut in ([part], *cuts) if all(map(self.lines, cut))), [])
+
+    def ranked(self, words: Sequence[str]) -> list[str]:
+        """Return what the words of a line mean together, the likeliest first."""
+        scores: dict[str, float] = {}
+        for word, after in pairwise((*(word for word in words if word.casefold() not in _FILLERS), "")):
+            # Of two words, such as `grab video`, both together decide.
+            both = self.lines(word + after.lstrip("-")) if after else ()
+            known = {**self.meanings(word), **dict.fromkeys(both, 2.0)}
+            # What stands first says more than what follows, unless it says little.
+            known = known if scores else {line: weight + (weight >= 0.5) for line, weight in known.items()}
+            scores.update({line: scores.get(line, 0) + weight for line, weight in known.items()})
+        # Who says more asks for the line that says more: `burst --on-motion` is a burst.
+        sums = {
+            line: sum(
+                score
+                for other, score in scores.items()
+                if f"{line} ".startswith(f"{other.removesuffix(' --out DIR')} ")
+            )
+            for line in scores
+        }
+        # Of two meanings, `info take1` is about a session, `info` about the rig.
+        order = sorted(
+            sums, key=lambda line: (-sums[line], line.split(" -")[0][-1:].isupper() is not (len(words) > 1))
+        )
+        return [line for line in order if sums[line] >= 0.3 * sums[order[0]]]
+
+
+def _weight(word: str) -> float:
+    """Return how much a word says: an option less than a word, and `open` or `camera` least."""
+    return 0.3 if _plain(word) in map(_plain, _WEAK) else 1 if word[:1] != "-" else 0.6
 
 
 def _plain(word: str) -> str:
-    """Return a word as it is looked up: without a value, hyphens, capitals and the plural's ending."""
+    """Return a word as it is looked up: without a value, hyphens, capitals and ending."""
     # One letter means two things, as gphoto2's -i and -I.
-    plain = re.sub("[-_]", "", word.partition("=")[0])
-    return re.sub(r"(?<=...)s\Z", "", plain.casefold()) if len(plain) > 1 else plain
+    plain = re.sub("^/|[-_]", "", word.partition("=")[0])
+    return _ENDING.sub("", plain.casefold()) if len(plain) > 1 else plain
 
 
 def _shaped(word: str) -> list[str]:
@@ -550,16 +669,13 @@ def _shaped(word: str) -> list[str]:
 
 def advise(error: click.UsageError, typed_line: Sequence[str] = ()) -> str:
     """Return the message of a usage error, with what was probably meant by the words of the line."""
-    named = [(before, word) for before, word in pairwise(("", *typed_line)) if word[:1] != "-"]
+    path, names = (error.ctx.command_path, _names(error.ctx)) if error.ctx else ("", [])
+    ours = path.split()
+    named = [(a, word) for a, word in pairwise(("", *typed_line)) if word[:1] != "-" and word not in ours]
     models = [word for before, word in named if word.casefold().endswith(_MODELS) and before[:1] != "-"]
     if models and isinstance(error, click.MissingParameter | click.NoSuchCommand):
         return f"'{models[0]}' is a 3D model: Blender shows it, and reconstruct view shows sessions"
-    files = [
-        word
-        for before, word in named
-        if word.casefold().endswith(FOOTAGE)
-        and not (before.startswith(("-o", "--o")) or word.startswith("out"))
-    ]
+    files = [word for before, word in named if before[:2] != "-o" != before[1:3] and _is_footage(word)]
     footage = " ".join(files[:3] + ["..."] * (len(files) > 3))
     extra = _TOO_MANY.fullmatch(error.message.rstrip("."))
     if error.ctx is None or not (extra or isinstance(error, click.NoSuchOption | click.NoSuchCommand)):
@@ -569,39 +685,38 @@ def advise(error: click.UsageError, typed_line: Sequence[str] = ()) -> str:
     unknown, typed = _unknown(error, extra[1] if extra else "", typed_line)
     if extra and not footage and (option := _option_for(extra[1], error.ctx)):
         return f"{unknown} ({option})"
-    path, names, (own, every) = error.ctx.command_path, _names(error.ctx), _tables(error, error.ctx)
+    own, every = _tables(error, error.ctx, typed_line)
     split = (word.split("=", 1) if word[:2] == "--" else [word] for word in typed_line[:_MAX_WORDS])
     words = [word for parts in split for word in parts if not word.isdecimal()]
     at = words.index(typed) if typed in words else len(words)
-    after, before = words[at + 1 :], [word for word in words[:at] if word not in path.split()]
-    # Of two words, such as `grab video`, both together decide. A word of two meanings: `info take1` is about
-    # a session, `info` about the rig.
-    of_session = _COMMANDS["capture-app sessions"] if any(map(_session_at, after)) else {}
-    sure = [line for word in after[:1] for line in own.lines(typed + word.lstrip("-"))]
-    sure += _Tables(of_session).lines(typed)
-    sure += sorted(own.lines(typed), key=lambda line: line.split(" -")[0][-1:].isupper() is not bool(after))
+    after, before = words[at + 1 :], [word for word in words[:at] if word not in ours]
     near = names if isinstance(error, click.NoSuchCommand) else _options(error.ctx)
-    if not sure and (close := get_close_matches(typed.casefold(), near, 1, _CLOSE)):
-        return f"{unknown}. Did you mean '{close[0]}'?"
-    meant = sure or every.lines(typed) or (every if names else own).lines_of_parts(typed.split(".")[0])
-    # Beside a known word the next is asked, unless it says little; an unknown command leaves all of them.
-    asked = after[:1] if meant or not names else sorted((*after, *before), key=lambda word: word[:1] != "-")
-    beside = [
-        line
-        for word in asked
-        for line in every.lines(word) or (every.lines_of_parts(word) if names and not meant else ())
-        if not (meant and word in _WEAK)
+    known = own.lines(typed) or (own.lines(typed + after[0].lstrip("-")) if after else [])
+    more = [
+        f"{word} is {(*every.ranked([word]), 'unknown, too')[0]}"
+        for word in after
+        if isinstance(error, click.NoSuchOption) and word[:1] == "-" and word not in near
     ]
+    close = get_close_matches(typed.casefold(), near, 1, _CLOSE)
+    if close and ((not after and _plain(close[0]) == _plain(typed)) or not (known or _weight(typed) < 0.5)):
+        return "; ".join((f"{unknown}. Did you mean '{close[0]}'?", *more))
+    # An option is asked with its value, and an unknown command with all words of the line.
+    value = [word for word in after[:1] if word[:1] != "-"]
+    others = [word for word in (*after, *before) if not (word in files or os.path.lexists(word))]
+    asked = [typed, *([*others, *["footage"][: len(files)]] if names else value)]
+    places = {"SOURCE": footage, "SESSION": next(filter(None, map(_session_at, typed_line[:_MAX_WORDS])), "")}
     # What was typed is not an answer.
     shown = [
-        line
-        for line in dict.fromkeys((*meant[:2], *beside))
+        " ".join((re.sub("SOURCE|SESSION", lambda place: places[place[0]] or place[0], line), *number))
+        for line in every.ranked(asked)
+        for number in [[*filter(None, (_in_unit(word, line) for word in value))]]
         if line not in words and re.sub(" [A-Z].*", "", line) != path
     ][:3]
-    answer = f"{unknown}: it is {', or '.join(shown)}" if shown else unknown
-    if footage and " import" not in answer + path and not (*shown, path)[0].startswith(_SOURCES):
+    answer = "; ".join((f"{unknown}: it is {', or '.join(shown)}" if shown else unknown, *more))
+    is_source = (*shown, path)[0].startswith(_SOURCES) and not any(map(os.path.lexists, files))
+    if footage and not (known or is_source or " import" in answer + path):
         return f"{answer}; footage is imported first: capture-app sessions import {footage}"
-    if shown and (sure or names):
+    if shown and (known or names or extra):
         return answer
     return answer + (OVERVIEW if error.ctx.parent is None else f"; {path} takes {_takes(error.ctx)}")
 
@@ -611,7 +726,7 @@ def _unknown(error: click.UsageError, extra: str, typed_line: Sequence[str]) -> 
     if isinstance(error, click.NoSuchCommand):
         return f"No such command '{error.command_name}'", error.command_name
     if not isinstance(error, click.NoSuchOption):
-        return f"too many arguments: {extra}", extra.partition(" ")[0]
+        return f"too many arguments: {extra}", next((w for w in extra.split() if not w.isdecimal()), extra)
     typed = error.option_name
     # Of ffmpeg's `-vcodec`, click names one letter.
     clusters = (word for word in typed_line if "-" == word[:1] != word[1:2] and typed[1] in word)
@@ -619,7 +734,9 @@ def _unknown(error: click.UsageError, extra: str, typed_line: Sequence[str]) -> 
     return f"No such option '{typed}'", typed
 
 
-def _tables(error: click.UsageError, ctx: click.Context) -> tuple[_Tables, _Tables]:
+def _tables(
+    error: click.UsageError, ctx: click.Context, typed_line: Sequence[str]
+) -> tuple[_Tables, _Tables]:
     """Return the table of the command where a line ended, and all tables, the nearest first."""
     path, root, names, options = ctx.command_path, ctx.find_root(), _names(ctx), _options(ctx)
     known: Mapping[str, str] = {f"{path} {name} --help": f"help-{name}" for name in names}
@@ -627,10 +744,19 @@ def _tables(error: click.UsageError, ctx: click.Context) -> tuple[_Tables, _Tabl
         known = {line: words for line, words in _OPTIONS.items() if line.split()[0] in options}
         known = _OPTIONS_OF.get(path, {}) | known
         known |= {name: f"{name} {known.get(name, '')}" for name in options if name[:2] == "--"}
-    own = {**known, **_COMMANDS.get(path, {})}
     ours = {f"{at.command_path} {name}": name for at in (ctx, root) for name in _names(at)}
     programs = [_COMMANDS.get(name, {}) for name in (root.command_path, "capture-app", "reconstruct")]
-    return _Tables(own), _Tables(own, ours, programs[0], _EXPORTS, *programs[: 3 if names else 1])
+    own = {**known, **_COMMANDS.get(path, {})}
+    of_session = "capture-app sessions" if names and any(map(_session_at, typed_line[:_MAX_WORDS])) else ""
+    every = (
+        _COMMANDS.get(of_session, {}),
+        own,
+        ours,
+        programs[0],
+        _EXPORTS,
+        *programs[1 : 3 if names else 1],
+    )
+    return _Tables(own), _Tables(*every)
 
 
 def _names(ctx: click.Context) -> list[str]:
@@ -660,26 +786,35 @@ def _at_place(error: click.UsageError, ctx: click.Context, typed_line: Sequence[
         return f"'{word}' is a file: capture-app sessions import {footage or word} imports it, then {then}"
     # A program without a command is asked by all words of its line.
     words = [word] if word else typed_line[:_MAX_WORDS] if ctx.parent is None else []
+    tables = _tables(error, ctx, typed_line)[1]
     if session := next(filter(_session_at, words), ""):
         others = [other for other in typed_line[:_MAX_WORDS] if other != session]
-        line = _about_session(others, _tables(error, ctx)[1]) or then
+        line = next((line for line in tables.ranked(others) if " SESSION" in line), then)
         line = line.replace("SESSION", _session_at(session))
         return f"'{session}' is a session; the command comes first: {line}{OVERVIEW}"
-    if "/" in word and not (_shaped(word) or os.path.lexists(word)):
+    if {"/", "\\"} & {*word} and not (tables.lines(word) or os.path.lexists(word)):
         return f"there is nothing at {word}; the command comes first{OVERVIEW}"
-    if word.strip("./") and not _shaped(word) and os.path.isdir(word):  # noqa: PTH112 - no word makes it raise
-        return f"'{word}' is a folder: capture-app sessions import {word} imports it"
-    return ""
+    return _about_folder(word) if _is_footage(word) else ""
 
 
-def _about_session(words: Sequence[str], tables: _Tables) -> str:
-    """Return what the words beside a session say is done with it; empty if they say nothing."""
-    # The ending of a result says more than its option does.
-    ordered = sorted((word for word in words if len(word.strip("-")) > 1), key=lambda word: "." not in word)
-    asked = [word.rpartition(".")[2] for word in ordered]
-    meant = (line for word in asked for line in tables.lines(word) or tables.lines_of_parts(word))
-    lines = [line for line in meant if " SESSION" in line]
-    return next((more for more in lines[1:] if more.startswith(lines[0])), next(iter(lines), ""))
+def _about_folder(word: str) -> str:
+    """Return the lines that import a folder: its pictures need one that says whose they are."""
+    pictures = [path.suffix for path in Path(word).iterdir() if path.suffix.casefold() in IMAGE_SUFFIXES]
+    return f"'{word}' is a folder: capture-app sessions import " + (
+        f"{word.rstrip('/')}/*{pictures[0]} imports its pictures as one instant, "
+        f"capture-app sessions import cam0={word} --fps RATE as one camera's"
+        if pictures
+        else f"{word} imports it"
+    )
+
+
+def _is_footage(word: str) -> bool:
+    """Return whether a word is what people import: the name of a file of theirs, or a folder of theirs."""
+    # os.path's raise for no word.
+    return bool(
+        (word.casefold().endswith(FOOTAGE) and not re.search(r"(\A|[/\\])out[^/\\]*\Z", word))
+        or (word.strip("./") and not _shaped(word) and os.path.isdir(word) and not _session_at(word))  # noqa: PTH112
+    )
 
 
 def _session_at(word: str) -> str:
@@ -710,7 +845,7 @@ def _in_our_words(error: click.UsageError, typed_line: Sequence[str]) -> str:
             else f"{path} takes {_takes(error.ctx)}"
         )
         words = list(takewhile(lambda word: word[:1] != "-", typed_line[len(path.split()) - 1 :]))
-        footage = " ".join(words[:3]) if words and words[0].casefold().endswith(FOOTAGE[:5]) else ""
+        footage = " ".join(words[:3]) if words and _is_footage(words[0]) else ""
         notes = [
             *(f"{word} is {line}" for word in words for line in _shaped(word)[:1]),
             *(f"{word} is --against {word}" for word in words[1:] if "--against" in _options(error.ctx)),
@@ -726,17 +861,31 @@ def _in_our_words(error: click.UsageError, typed_line: Sequence[str]) -> str:
         for word, bound in (("above" if is_open else "from", low), ("to", high))
         if bound is not None
     )
-    return f"{name} takes {_NUMBERS[kind.name]}{limits}, not {given}"
+    value = _in_unit(given, name)
+    return f"{name} takes {_NUMBERS[kind.name]}{limits}, not {given}{value and f': write {value}'}"
+
+
+def _in_unit(text: str, option: str) -> str:
+    """Return a number such as `2min` in the unit of an option; empty if it has no unit of that kind."""
+    numbers = re.findall(r"(\d+(?:\.\d+)?) ?([a-z]+)\b", text.casefold())
+    return next(
+        (
+            f"{float(number) * kind[unit] / kind[own]:.9g}"
+            for number, unit in numbers
+            for kind in _UNITS
+            for own in {option.rpartition("-")[2]} & {*kind}
+            if unit in kind
+        ),
+        "",
+    )
 
 
 def _option_for(given: str, ctx: click.Context) -> str:
     """Return how to write an argument that a command does not take; empty if nothing fits."""
     kinds = {param.opts[0]: param.type.name for param in ctx.command.get_params(ctx)}
     # A number is a camera where there are cameras.
-    numbers = (
-        [option for option, kind in kinds.items() if option[:1] == "-" and kind in _NUMBERS]
-        if given.isdecimal() and "--camera" not in kinds
-        else []
-    )
-    options = ["--against"] if "--against" in kinds else numbers
-    return f"write {options[0]} {given}" if options else "put the text in quotes" if "text" in kinds else ""
+    takers = [option for option, kind in kinds.items() if option[:1] == "-" and kind in _NUMBERS]
+    options = [f"{option} {value}" for option in takers if (value := _in_unit(given, option))]
+    if "--against" in kinds or (given.isdecimal() and "--camera" not in kinds):
+        options += [f"{option} {given}" for option in ("--against", *takers) if option in kinds]
+    return f"write {options[0]}" if options else "put the text in quotes" if "text" in kinds else ""

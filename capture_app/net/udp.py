@@ -69,8 +69,7 @@ class ReceiptTimes:
 
     def _read(self) -> tuple[int, int]:
         # In this order, so that a delay between the two readings makes the time late, not early.
-        real_ns = self._realtime()
-        return real_ns, self._monotonic()
+        return self._realtime(), self._monotonic()
 
 
 class SinglePeerEngine:

@@ -21,7 +21,7 @@ from capture_app.common.errors import (
     NotAvailableError,
     SimulshotError,
 )
-from capture_app.common.names import check_name
+from capture_app.common.names import typed_name
 from capture_app.common.take_limits import LIMITS, check_before, limited
 from capture_app.common.tasks import end
 from capture_app.common.timeouts import READY_TIMEOUT_S
@@ -72,7 +72,7 @@ class TakePlan(BurstRequest, frozen=True, kw_only=True, tag=False):
         if not isinstance(self.note, str) or len(self.note) > MAX_NOTE:
             raise BadInputError("the note of a take is not a text", hint=f"give up to {MAX_NOTE} letters")
         if self.name:
-            check_name(self.name, "take")
+            force_setattr(self, "name", typed_name(self.name, "take"))
         if self.at_leader_ns is not None and (self.repeat > 1 or self.on_motion is not None):
             raise BadInputError(
                 "a take at a given time cannot be repeated or wait for motion",

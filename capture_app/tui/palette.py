@@ -16,6 +16,8 @@ class Palette(SystemCommandsProvider):
 
     async def search(self, query: str) -> Hits:
         """Yield the actions of which the title matches, or a word begins so."""
+        # A number is asked of cameras, of which an action changes the number.
+        query = " ".join(word for word in query.split() if not word.isdecimal()) or "cameras"
         matcher, typed = self.matcher(query), query.strip().casefold().replace(" ", "-")
         for line, (title, text, callback, _) in cast(Any, self.app).actions(self.screen):
             words = words_for(line)

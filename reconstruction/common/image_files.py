@@ -69,8 +69,7 @@ def read_small_image(path: Path, longest_px: int) -> Array:
     width, height = image_size(path)
     scale = min(1.0, longest_px / max(width, height))
     size = max(1, round(width * scale)), max(1, round(height * scale))
-    image = read_image(path, size)
-    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA))
+    return np.asarray(cv2.resize(read_image(path, size), size, interpolation=cv2.INTER_AREA))
 
 
 def _same_shape(a: Sequence[int], b: Sequence[int]) -> bool:

@@ -115,6 +115,7 @@ def _measure(
         reasons = [
             unknown.reason,
             *(f"not aligned by {method}: {text}" for method, text in said.items()),
+            *[f"leave --align {by} out, and all other methods are tried"] * (by != "auto"),
             *(
                 [f"by {', '.join(timed)} not tried: that takes the videos' own times, not --fps"]
                 * times.by_rate

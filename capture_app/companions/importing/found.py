@@ -8,7 +8,7 @@ from itertools import combinations, product
 from pathlib import Path
 
 from capture_app.common.errors import BadInputError
-from capture_app.common.names import label_key, natural_order
+from capture_app.common.names import VIDEO_SUFFIXES, label_key, natural_order
 from capture_app.common.text import count
 from capture_app.companions.importing.clips import find_shoots
 from capture_app.companions.importing.import_options import ImportOptions
@@ -27,7 +27,6 @@ from capture_app.session.importing.importer import (
     takes_in,
 )
 from capture_app.session.importing.recording_sources import (
-    VIDEO_SUFFIXES,
     Images,
     Layout,
     Source,

@@ -13,8 +13,8 @@ from itertools import product
 from pathlib import Path
 
 from capture_app.common.errors import BadInputError, reading
+from capture_app.common.names import IMAGE_SUFFIXES
 from capture_app.session.files.untrusted_files import open_regular, read_text
-from capture_app.session.format.manifest import IMAGE_SUFFIXES
 from capture_app.session.importing.frame_matching import TimedFrame, check_order
 from capture_app.session.importing.importer import Importer
 from capture_app.session.importing.recording_sources import Source, Video

@@ -4,13 +4,14 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from capture_app.common.errors import BadInputError
+from capture_app.common.names import IMAGE_SUFFIXES, VIDEO_SUFFIXES
 from capture_app.session.files.untrusted_files import read_struct
 from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.export_record import FRAMES, RECORD, read_record
-from capture_app.session.format.manifest import CALIBRATION, IMAGE_SUFFIXES
+from capture_app.session.format.manifest import CALIBRATION
 from capture_app.session.importing.exported_session import Place, exported_files, exported_layout
 from capture_app.session.importing.importer import Importer
-from capture_app.session.importing.recording_sources import VIDEO_SUFFIXES, Images, Layout, Source, Video
+from capture_app.session.importing.recording_sources import Images, Layout, Source, Video
 from capture_app.session.importing.views import Views, read_json
 
 

@@ -50,5 +50,4 @@ def alignment_methods(by: str = "auto") -> Mapping[str, AlignmentMethod[object]]
     attributes = [field.name for field in fields(AlignmentMethod)]
     if by != "auto":
         return {by: load_plugin(GROUP, by, *attributes)}
-    loaded = load_plugins(GROUP, *attributes)
-    return dict(sorted(loaded.items(), key=lambda item: -item[1].priority))
+    return dict(sorted(load_plugins(GROUP, *attributes).items(), key=lambda item: -item[1].priority))

@@ -84,8 +84,7 @@ def min_focal(camera: CameraCalibration, width: int, height: int) -> float:
     lens, half = lens_of(camera), np.array([camera.width, camera.height]) / 2
 
     def fills(focal: float) -> bool:
-        seen = lens.project(edge / focal)
-        return bool((np.abs(seen - (half - 0.5)) <= half + 1e-6).all())
+        return bool((np.abs(lens.project(edge / focal) - (half - 0.5)) <= half + 1e-6).all())
 
     # Search from a narrow view outwards: far outside its image a lens's polynomial may map rays back into it.
     focal = 100 * max(width / camera.width, height / camera.height) * max(camera.fx, camera.fy)

@@ -20,7 +20,7 @@ from msgspec import UNSET, Meta, Struct, UnsetType
 from capture_app.common.bounds import Count, FilePath, Positive, Ppm, Real, Sentence, TimeNs
 from capture_app.common.camera_facts import CameraFacts, Control, unshared_uncertainties_ns
 from capture_app.common.errors import BadInputError
-from capture_app.common.names import Label, Name, titles_of
+from capture_app.common.names import IMAGE_SUFFIXES, Label, Name, titles_of
 from capture_app.common.stagger import describe_steps
 from capture_app.common.text import pretty_json
 from capture_app.session.files.untrusted_files import RESTORE
@@ -38,7 +38,6 @@ VIDEOS = "videos"
 RIG = "rig1"
 NO_INSTANT = -1
 """Instant number of a frame that belongs to no instant of the recording."""
-IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff")
 
 T = TypeVar("T", bound="ImageRecord")
 Sha256 = Annotated[str, Meta(pattern=r"^[0-9a-f]{64}$")]

@@ -14,14 +14,12 @@ from itertools import takewhile
 from pathlib import Path
 
 from capture_app.common.errors import BadInputError
-from capture_app.common.names import folder_names, label_of, natural_order
+from capture_app.common.names import IMAGE_SUFFIXES, VIDEO_SUFFIXES, folder_names, label_of, natural_order
 from capture_app.common.plugins import load_plugins
 from capture_app.common.text import command_line, count
-from capture_app.session.format.manifest import IMAGE_SUFFIXES
 from capture_app.session.importing.name_roles import Parse, choose, parse_names
 from capture_app.session.importing.recording_sources import (
     ARCHIVE_SUFFIXES,
-    VIDEO_SUFFIXES,
     Layout,
     Source,
     Video,
@@ -126,9 +124,9 @@ def camera_importer(path: Path) -> Importer | None:
 def open_sources(paths: Sequence[str], *, png: bool = False, recording: str | None = None) -> list[Source]:
     """Open the cameras of `NAME=PATH` arguments, or of one folder with a subfolder or video for each camera.
 
-    A PATH with `*` is of all files that match: a camera's images, or the parts of its video. `recording`
-    selects one of several recordings of each camera. Raises BadInputError for missing, empty, duplicate or
-    badly named cameras, and for a folder of several takes.
+    A PATH with `*` is of all files that match: images of a camera NAME, or parts of its video; without NAME,
+    a camera each. `recording` selects one of several recordings of each camera. Raises BadInputError for
+    missing, empty, duplicate or badly named cameras, and for a folder of several takes.
     """
     cameras: list[CameraFiles] = []
     for text in paths:
@@ -143,8 +141,11 @@ def open_sources(paths: Sequence[str], *, png: bool = False, recording: str | No
                 raise BadInputError(f"{path} has several takes: {', '.join(takes)}", hint=_ONE_AT_A_TIME)
             cameras += next(iter(takes.values()))
         else:
-            own = path.resolve().name if path.is_dir() else path.stem
-            cameras.append((name or label_of(own), place, some))
+            # Without a name, it is what a shell makes of it: files of their own.
+            whole = [(place, some)] if name or not some else [(file, []) for file in some]
+            cameras += [
+                (name or label_of(at.resolve().name if at.is_dir() else at.stem), at, of) for at, of in whole
+            ]
     if not cameras:
         raise BadInputError("nothing to import", hint="give a folder, or NAME=PATH for each camera")
     return open_cameras(cameras, png=png, recording=recording)
@@ -316,10 +317,13 @@ def _undecided(
 def _command(cameras: Mapping[str, Sequence[Path]]) -> str:
     """Return the command that imports these cameras, with `*` for what differs in their files' names."""
     given = []
+    # Files of one picture each are cameras by themselves, in one word that the shell takes apart.
+    if all(len(files) == 1 for files in cameras.values()):
+        cameras = {"": [file for files in cameras.values() for file in files]}
     for name, files in cameras.items():
         begin = _common_begin([str(file) for file in files])
         end = _common_begin([str(file)[len(begin) :][::-1] for file in files])[::-1]
-        given.append(f"{label_of(name)}={begin}{'*' * (len(files) > 1)}{end}")
+        given.append(f"{name and f'{label_of(name)}='}{begin}{'*' * (len(files) > 1)}{end}")
     return (
         f"capture-app sessions import {command_line(*given[:MAX_NAMED])}{' ...' * (len(given) > MAX_NAMED)}"
     )

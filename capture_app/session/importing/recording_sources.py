@@ -10,11 +10,10 @@ from itertools import takewhile
 from pathlib import Path
 
 from capture_app.common.errors import BadInputError, NotAvailableError, reading
-from capture_app.common.names import natural_order
+from capture_app.common.names import IMAGE_SUFFIXES, VIDEO_SUFFIXES, natural_order
 from capture_app.common.text import count
 from capture_app.session.files.untrusted_files import read_input, rejecting
 from capture_app.session.format.export_record import ExportRecord
-from capture_app.session.format.manifest import IMAGE_SUFFIXES
 from capture_app.session.importing.frame_matching import TimedFrame, Timeline
 from capture_app.session.importing.video_tracks import (
     DAMAGED,
@@ -33,10 +32,6 @@ from capture_app.session.reading.decoding import (
     read_exif,
 )
 
-VIDEO_SUFFIXES = (
-    *(".mp4", ".mov", ".avi", ".mkv", ".m4v", ".webm", ".insv"),
-    *(".mjpg", ".mjpeg", ".mpg", ".mpeg", ".h264", ".264", ".mts", ".m2ts", ".ts", ".wmv"),
-)
 ARCHIVE_SUFFIXES = (".zip", ".tar", ".gz", ".tgz", ".7z", ".rar")
 MAX_DEPTH = 12
 """Maximum folder depth of a search, such as CAMERA/DCIM/100GOPRO."""

@@ -22,7 +22,7 @@ import msgspec
 from msgspec import UNSET, Struct, UnsetType, structs
 
 from capture_app.common.errors import BadInputError, DiskError, IncompleteError
-from capture_app.common.names import check_name
+from capture_app.common.names import check_name, typed_name
 from capture_app.session.files.disk import disk_error, disk_errors
 from capture_app.session.files.durable import (
     copy_tree,
@@ -76,8 +76,7 @@ def rename_session(folder: Path, name: str) -> Path:
     BadInputError for an invalid name, one in use, or a session that is damaged or cannot be changed;
     IncompleteError; TryAgainError if another process is writing it.
     """
-    check_name(name, "session")
-    folder = folder.absolute()
+    name, folder = typed_name(name, "session"), folder.absolute()
     target = folder.with_name(name)
     if target != folder and (target.exists() or target.is_symlink()):
         raise BadInputError(f"{target} exists already", hint="choose another name")

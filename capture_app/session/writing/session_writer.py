@@ -15,7 +15,7 @@ import msgspec
 
 from capture_app import __version__
 from capture_app.common.errors import BadInputError, DiskError, IncompleteError, SimulshotError, TryAgainError
-from capture_app.common.names import check_name, find_alike
+from capture_app.common.names import IMAGE_SUFFIXES, check_name, find_alike
 from capture_app.session.files.disk import disk_errors, make_new_folder, reserve
 from capture_app.session.files.durable import (
     AppendOnlyFile,
@@ -31,7 +31,6 @@ from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.manifest import (
     CALIBRATION,
     EVENTS,
-    IMAGE_SUFFIXES,
     MANIFEST,
     BurstRecord,
     CameraRecord,

@@ -13,7 +13,7 @@ from textual.containers import Vertical
 from textual.content import Content
 
 from capture_app.common.errors import BadInputError, SimulshotError
-from capture_app.common.names import check_name, free_name
+from capture_app.common.names import free_name, typed_name
 from capture_app.common.text import count, megabytes, printable
 from capture_app.session.exporting.exporter import load_exporters, unmet_needs
 from capture_app.session.format.manifest import CALIBRATION
@@ -590,7 +590,7 @@ def name_question(card: SessionCard) -> TextQuestion:
     """Return the dialog that asks for a session's new name."""
 
     def check(name: str) -> None:
-        check_name(name, "session")
+        name = typed_name(name, "session")
         if name != card.name and card.folder.with_name(name).exists():
             raise BadInputError(f"{name} exists already", hint="choose another name")
 

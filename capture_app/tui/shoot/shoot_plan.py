@@ -9,7 +9,7 @@ from textual.binding import Binding, BindingType
 from textual.content import Content
 
 from capture_app.common.camera_facts import SIMULATED
-from capture_app.common.names import check_name, is_name
+from capture_app.common.names import is_name, typed_name
 from capture_app.common.take_limits import LIMITS
 from capture_app.common.text import count, duration, printable
 from capture_app.protocol.orders import FLAT_SCENES
@@ -56,13 +56,12 @@ _PICTURES: tuple[TakeMode, ...] = ("single", *_SERIES)
 LABEL = 10
 
 
-def _check_name(name: str) -> None:
-    if name.strip():
-        check_name(name.strip(), "take")
+def _take_name(text: str) -> str:
+    return typed_name(text, "take") if text.strip() else ""
 
 
 TEXTS: dict[str, tuple[str, str, Callable[[str], object]]] = {
-    "name": ("name", "Name of the following takes and of their folders. Default: burst.", _check_name),
+    "name": ("name", "Name of the following takes and of their folders. Default: burst.", _take_name),
     "notes": ("note", "Note saved with each following take.", check_note),
 }
 """Rows that are texts, by label: field of the settings, explanation, and check."""
@@ -339,7 +338,7 @@ class PlanPanel(Lines, can_focus=True):
             question = TextQuestion(words, now, check=check, title=what.capitalize())
             typed = await self.app.push_screen_wait(question)
         if typed is not None:
-            changed: Any = {field: typed.strip()}
+            changed: Any = {field: _take_name(typed) if field == "name" else typed.strip()}
             self.change(replace(self.settings, **changed))
 
     def _rows(self) -> tuple[_Row, ...]:

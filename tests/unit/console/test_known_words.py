@@ -78,7 +78,7 @@ capture-app info > capture-app status
 capture-app sync > capture-app status
 capture-app version > capture-app --version
 capture-app help > capture-app --help
-capture-app phone > capture-app phones
+capture-app phone > 'phones'
 capture-app qr > capture-app phones
 capture-app dashboard > capture-app monitor
 capture-app calibrate > reconstruct calibrate SESSION
@@ -134,7 +134,7 @@ capture-app make-board > reconstruct board FILE
 capture-app genlock > capture-app status
 capture-app timecode > capture-app panel show
 capture-app jam > capture-app status
-capture-app sync a.mp4 b.mp4 > capture-app sessions import SOURCE
+capture-app sync a.mp4 b.mp4 > capture-app sessions import a.mp4 b.mp4
 capture-app info take1 > capture-app sessions show SESSION
 capture-app intrinsics cam1.mp4 > reconstruct calibrate SESSION
 capture-app extrinsics > reconstruct calibrate SESSION
@@ -184,7 +184,7 @@ capture-app burst -n 5 > --frames
 capture-app burst --num-frames 5 > --frames
 capture-app burst --shots 5 > --frames
 capture-app burst --timelapse 5 > --interval-s
-capture-app burst --server 127.0.0.1:1 > --leader
+capture-app burst --server 127.0.0.1:1 > --leader 127.0.0.1:1
 capture-app burst --title x > --name
 capture-app record --duration 5 > --seconds
 capture-app record -t 5 > --seconds
@@ -193,11 +193,11 @@ capture-app record -r 30 > --fps
 capture-app record --background > --detach
 capture-app node --device 0 > --camera
 capture-app node -i 0 > --camera
-capture-app node --host 127.0.0.1 > --leader
+capture-app node --host 127.0.0.1 > --leader 127.0.0.1
 capture-app leader --framerate 30 > --fps
 capture-app leader -p 1 > --port
-capture-app sessions export x --format mp4 > --to
-capture-app sessions export x -f mp4 > --to
+capture-app sessions export x --format mp4 > --to mp4
+capture-app sessions export x -f mp4 > --to mp4
 capture-app sessions export x -o y > --out
 capture-app sessions import x --output y > --out
 capture-app sessions import x --framerate 30 > --fps
@@ -249,10 +249,10 @@ capture-app -i cam1.mp4 -i cam2.mp4 out.mp4 > capture-app sessions import cam1.m
 capture-app record -vcodec libx264 > capture-app sessions export SESSION --to mp4
 capture-app record -s 1920x1080 > capture-app node --camera SPEC,fps=N,width=W
 capture-app record --output videos > capture-app rig start --sessions DIR
-capture-app record out.mp4 > capture-app record takes --leader, --seconds
+capture-app record out.mp4 > capture-app sessions export SESSION --to mp4
 capture-app record rtsp://192.168.1.10/stream > capture-app node --camera rtsp://192.168.1.10/stream
 capture-app record --segment 60 > capture-app record takes --leader, --seconds
-capture-app extract_frames clip.mp4 > capture-app sessions import SOURCE
+capture-app extract_frames clip.mp4 > capture-app sessions import clip.mp4
 capture-app --auto-detect > capture-app cameras
 capture-app --capture-movie > capture-app record
 capture-app --capture-image-and-download > capture-app burst
@@ -269,11 +269,11 @@ capture-app screenrecord --time-limit 10 > capture-app record
 capture-app rpicam-still -o test.jpg > capture-app burst
 capture-app bag record -a > capture-app record
 capture-app nerfstudio take1 > capture-app sessions export SESSION --to nerfstudio
-capture-app add_new_videos a.mp4 > capture-app sessions import SOURCE
+capture-app add_new_videos a.mp4 > capture-app sessions import a.mp4
 capture-app startRecording > capture-app record
 capture-app takePhoto > capture-app burst
 capture-app list_devices > capture-app cameras
-capture-app syncvideos a.mp4 b.mp4 > capture-app sessions import SOURCE
+capture-app syncvideos a.mp4 b.mp4 > capture-app sessions import a.mp4 b.mp4
 capture-app start-capture > capture-app burst
 capture-app --mode timelapse > capture-app burst --interval-s S
 capture-app burst --mode timelapse > --interval-s
@@ -308,6 +308,36 @@ reconstruct calibrate take1 --rows 6 > --board
 reconstruct compare a b > b is --against b
 reconstruct compare a b --out x > write --against b
 reconstruct multiview take1 > --out is missing; add --out DIR
+capture-app record 30s > (write --seconds 30)
+capture-app record for 2 hours > (write --seconds 7200)
+capture-app record --duration 2min > it is --seconds 120
+capture-app record --fps 30fps > write 30
+capture-app burst --delay 500ms > it is --wait-s 0.5
+capture-app burst 120 fps > it is capture-app node --camera SPEC,fps=N,width=W
+capture-app burst 10 photos > it is --frames
+capture-app burst -t 1/500 > capture-app cameras set exposure=4000
+capture-app burst --number 9 --iso 400 --foo > --iso is capture-app cameras set gain=2; --foo is unknown
+capture-app --shutter-speed 1/250 --iso 800 burst > burst; --iso is capture-app cameras set gain=2
+capture-app node --fps 60 --width 1280 > fps=N,width=W; --width is capture-app node --camera
+reconstruct splat x --iterattions 7 --device cuda > Did you mean '--iterations'?; --device is
+capture-app no camera found > it is capture-app doctor
+capture-app please take a picture > it is capture-app burst (
+capture-app stop the recording > it is capture-app record --stop
+capture-app see cameras > it is capture-app cameras (
+capture-app show me the example > it is capture-app demo
+capture-app shoot every 5 minutes > it is capture-app burst --interval-s S
+capture-app check synchronization > it is capture-app status
+capture-app ssh pi@10.0.0.5 > it is capture-app node --camera SPEC (
+capture-app make a video > it is capture-app record (
+capture-app export --format trc x > it is reconstruct people SESSION --out DIR
+capture-app /? > it is capture-app --help
+capture-app /list > it is capture-app sessions list
+capture-app join videos a.mp4 b.mp4 > it is capture-app sessions import a.mp4 b.mp4
+capture-app "record" "C:/videos/out.mp4" > it is capture-app sessions export SESSION --to mp4 (
+capture-app "C:\\\\takes" > there is nothing at C:\\takes; the command comes first
+reconstruct Pose2Sim.calibration > it is reconstruct calibrate SESSION
+reconstruct make splat from x > it is reconstruct splat SESSION --out DIR
+reconstruct kalibr_calibrate_cameras --models pinhole > it is reconstruct calibrate SESSION
 """.strip().splitlines()
 
 
@@ -328,8 +358,10 @@ def test_a_first_line_of_another_program_is_answered(line: str, capfd: pytest.Ca
         "reconstruct -i take1 -o out.ply > reconstruct multiview sessions/take1 --out DIR",
         "reconstruct take1 --output model.glb > reconstruct multiview sessions/take1 --mesh --out DIR",
         "reconstruct --recording-path take1 --export-blender > capture-app sessions export sessions/take1",
-        "capture-app sync take1 > reconstruct time SESSION",
-        "capture-app check take1 > capture-app sessions verify SESSION",
+        "reconstruct take1 --export trc > reconstruct people sessions/take1",
+        "reconstruct take1 to splat > reconstruct splat sessions/take1",
+        "capture-app sync take1 > reconstruct time sessions/take1",
+        "capture-app check take1 > capture-app sessions verify sessions/take1",
     ],
 )
 def test_a_line_with_a_session_is_answered_about_sessions(
@@ -549,13 +581,23 @@ def test_a_folder_or_a_picture_as_a_command_is_imported_first(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "photos").mkdir()
+    for folder in ("photos", "rigs/left"):
+        (tmp_path / folder).mkdir(parents=True)
+        (tmp_path / folder / "a.JPG").touch()
     for typed, answer in (
-        ("photos", "is a folder: capture-app sessions import photos"),
+        ("rigs", "'rigs' is a folder: capture-app sessions import rigs imports it"),
+        ("photos", "capture-app sessions import photos/*.JPG imports its pictures as one instant, "),
+        ("photos", "capture-app sessions import cam0=photos --fps RATE as one camera's"),
+        ("import-photos photos", "it is capture-app sessions import photos"),
         ("a.JPG", "is a file"),
     ):
-        assert run_capture_app([typed]) == ExitCode.USAGE
+        assert run_capture_app(typed.split()) == ExitCode.USAGE
         assert answer in capfd.readouterr().err
+    (tmp_path / "sessions").mkdir()
+    assert run_capture_app(["sessions", "frobnicate"]) == ExitCode.USAGE
+    assert "footage" not in capfd.readouterr().err
+    assert run_reconstruct(["splat", "photos"]) == ExitCode.USAGE
+    assert "footage is imported first: capture-app sessions import photos" in capfd.readouterr().err
 
 
 def test_the_last_session_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -322,6 +322,10 @@ async def test_an_iteration_that_does_not_end_leaves_nothing_running(rig: FakeRi
     await until(lambda: tasks() == before)
 
 
+def test_a_name_with_blanks_is_a_folders_name() -> None:
+    assert TakePlan(name=" my  take").name == "my-take"
+
+
 @pytest.mark.parametrize(
     ("plan", "says"),
     [

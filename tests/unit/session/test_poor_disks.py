@@ -59,7 +59,8 @@ def test_a_session_is_written_changed_and_trashed(lacking: set[str], tmp_path: P
     folder.mkdir()
     session = fill(SessionWriter.create(folder, "clap"))
     set_note(session.folder, "kept")
-    renamed = rename_session(session.folder, "other")
+    renamed = rename_session(session.folder, "an other")
+    assert renamed.name == "an-other"
     assert Session.open(renamed).manifest.note == "kept"
     assert run(["sessions", "verify", str(renamed)]) == ExitCode.OK
     trash_session(renamed)

@@ -13,9 +13,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from capture_app.common.bounds import CENTURY_NS
+from capture_app.common.names import IMAGE_SUFFIXES
 from capture_app.session.format.manifest import (
     CALIBRATION,
-    IMAGE_SUFFIXES,
     JOURNAL,
     MANIFEST,
     FrameRecord,

@@ -165,8 +165,11 @@ def _ros(kind: str, *values: Any, **fields: Any) -> Any:
 def _place(camera: str, calibration: Calibration) -> Any:
     """Return ROS's transform from a camera to the rig."""
     at, rotation = _pose(calibration.cameras[camera], calibration)
-    quaternion = _ros(f"{_GEOMETRY}/Quaternion", **rotation)
-    return _ros(f"{_GEOMETRY}/Transform", _ros(f"{_GEOMETRY}/Vector3", **at), quaternion)
+    return _ros(
+        f"{_GEOMETRY}/Transform",
+        _ros(f"{_GEOMETRY}/Vector3", **at),
+        _ros(f"{_GEOMETRY}/Quaternion", **rotation),
+    )
 
 
 def ros_topics(cameras: Iterable[str]) -> dict[str, str]:

@@ -18,10 +18,10 @@ from typing import Any
 import numpy as np
 
 from capture_app.common.errors import BadInputError
-from capture_app.common.names import name_like
+from capture_app.common.names import IMAGE_SUFFIXES, name_like
 from capture_app.common.text import count
 from capture_app.session.format.calibration import TERMS
-from capture_app.session.format.manifest import IMAGE_SUFFIXES, inside
+from capture_app.session.format.manifest import inside
 from capture_app.session.importing.importer import Importer
 from capture_app.session.importing.recording_sources import Images, Layout, image_folder
 from capture_app.session.importing.views import (

@@ -69,8 +69,9 @@ def _labels(columns: Sequence[Sequence[str]], numbers: Sequence[int], values: Ar
     for (name, joint, coordinate), column in zip(columns, values.T, strict=True):
         axis = ("x", "y", "likelihood").index(coordinate)
         table[:, names.index(name), joints.index(joint), axis] = column
-    skeleton = Skeleton(tuple(joints), ())
-    return Labels(skeleton, numbers, table[..., :2], np.nan_to_num(table[..., 2]), tuple(names))
+    return Labels(
+        Skeleton(tuple(joints), ()), numbers, table[..., :2], np.nan_to_num(table[..., 2]), tuple(names)
+    )
 
 
 READER = JointReader(program="DeepLabCut", suffixes=(".csv", ".h5"), read=read)

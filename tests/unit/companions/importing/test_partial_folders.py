@@ -1,5 +1,6 @@
 """Folders of which a part can be used: a mute clip, a later clip, chapters; and what is no recording."""
 
+import shlex
 import zipfile
 from dataclasses import replace
 from itertools import product
@@ -79,6 +80,12 @@ def test_what_is_no_recording_is_named_with_what_would_read_it(
     talk = refused(single, capsys)
     assert "3 images, whose names tell no cameras apart" in talk
     assert f"capture-app sessions import cam0={single} --fps" in talk
+    # As the line is quoted, no shell takes the pattern apart.
+    line = f"capture-app sessions import '{single / 'IMG_000*.jpg'}'"
+    assert line in talk
+    out = ("--out", str(tmp_path / "out"))
+    assert run([*shlex.split(line)[1:], *out]) == ExitCode.OK
+    assert "3 cameras, 3 images, 0 missing" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("name", ["{}_{:04}", "image{}{}", "frame_{1:04}_{0}", "walk-{1}{0}"])

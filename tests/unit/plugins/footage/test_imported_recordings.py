@@ -47,6 +47,15 @@ def test_a_rate_gives_sound_other_times(claps: Path, capsys: pytest.CaptureFixtu
     assert "--align sound takes the videos' own times" in capsys.readouterr().err
 
 
+def test_videos_without_sound_are_asked_by_all_other_methods(tmp_path: Path) -> None:
+    for phone in PHONES[:2]:
+        phone.record(Take(), tmp_path / "rec" / f"{phone.name}.mp4", 2, sound=False)
+    times = imported(tmp_path / "rec", "--align", "sound", "--count", "3").manifest.burst.common_times
+    assert times is not None
+    assert times.unknown
+    assert "it has no sound, leave --align sound out, and all other methods are tried" in times.reason
+
+
 def test_a_flash_that_only_one_saw_twice_may_be_any(tmp_path: Path) -> None:
     for phone, flashes_s in zip(PHONES, ((2.3,), (2.3, 3.4)), strict=False):
         phone.record(Take(flashes_s=flashes_s), tmp_path / "rec" / f"{phone.name}.mp4", 4, sound=False)

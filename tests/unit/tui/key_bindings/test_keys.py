@@ -113,6 +113,8 @@ async def test_the_palette_does_what_a_key_does() -> None:
         ("onvif", "IP cameras"),
         ("OSC", "Joints as OSC or LSL"),
         ("charuco", "Print a board"),
+        ("12", "Add cameras"),
+        ("12 cam", "Add cameras"),
     ],
 )
 async def test_the_palette_finds_an_action_by_the_words_of_other_programs(typed: str, title: str) -> None:

@@ -123,9 +123,8 @@ class Body:
     def cast(self, rays: Floats) -> Hits:
         """Return the first triangle hit by each ray (N, 6): origin and direction in the body's frame, m."""
         hits = self._scene.run(*_parts(rays), query="INTERSECT", output=True)
-        missed = hits["primID"] < 0
         return Hits(
-            distance=np.where(missed, np.inf, hits["tfar"]).astype(np.float32),
+            distance=np.where(hits["primID"] < 0, np.inf, hits["tfar"]).astype(np.float32),
             triangle=hits["primID"].astype(np.int64),
             barycentric=np.stack([hits["u"], hits["v"]], axis=1),
         )

@@ -119,7 +119,7 @@ _COMMANDS = {
         "capture-app people": "osc vmc live-people livemocap live-mocap avatar vtuber live-pose "
         "realtime-mocap",
         "reconstruct calibrate SESSION": "calibrate calibration calib intrinsics extrinsics lens lenses "
-        "hand-eye calibrator camera-calibration camera-calibrator undistort chessboard-calibrate "
+        "hand-eye calibrator camera-calibration camera-calibrator chessboard-calibrate "
         "calibrate-camera calibrate-intrinsics stereo-calibrate poses-calibrate wand kalibr",
         "reconstruct, a command of its own": "reconstruct",
         "reconstruct multiview SESSION --out DIR": "photogrammetry depth depthmap depth-map mesh pointcloud "
@@ -145,15 +145,16 @@ _COMMANDS = {
         "freeze freeze-frame visualize visualise plot rviz novel-view",
         "reconstruct view SESSION --page --out DIR": "share publish viewer",
         "capture-app burst --before N": "replay replay-buffer instant-replay retroactive pre-roll preroll",
-        "capture-app burst --wait-s S": "wait wait-for wait-for-device countdown self-timer timer",
+        "capture-app burst --wait-s S": "wait wait-for wait-for-device",
+        "capture-app burst, after the shell's sleep 10": "countdown self-timer timer photobooth",
         "capture-app rig stop, then capture-app rig start": "restart reboot rollout reset reload",
         "capture-app rig stagger ORDER": "stagger offset-cameras interleave phase trigger-delay",
         "capture-app node --camera SPEC,sound=own": "sound audio mic microphone mute",
         "capture-app node --name NAME --camera SPEC": "rename-camera camera-name set-name alias label-node "
         "label-nodes label-pods rename-node",
         "capture-app leader --port PORT": "port ports tcpip",
-        "capture-app cameras controls": "ctrl ctrls list-ctrls get-ctrl list-config get-config list-controls "
-        "capabilities abilities caps controls",
+        "capture-app cameras controls": "ctrl ctrls list-ctrls get-ctrl list-config config-list "
+        "get-config list-controls capabilities abilities caps controls",
         "capture-app cameras match CAMERA": "match match-cameras",
         "capture-app cameras characterize SPEC": "characterize benchmark",
         "capture-app cameras calibrate-time": "calibrate-time delay delays lag measure-delay measure-latency",
@@ -173,23 +174,23 @@ _COMMANDS = {
         "capture-app trust remove MACHINE": "revoke forget untrust",
         "reconstruct compare SESSION --against OTHER --out DIR": "diff",
         "capture-app sessions schema": "schema",
-        "capture-app cameras show NAME": "show camera-info get-camera device-info serial serialno "
-        "get-serialno",
+        "capture-app cameras show NAME": "logcat topic-hz show camera-info get-camera "
+        "device-info serial serialno get-serialno",
         "capture-app cameras list": "list",
         "capture-app cameras set CONTROL=VALUE, such as exposure=4000": "settings config controls set "
         "set-config set-ctrl param params property properties edit patch configure configuration adjust "
         "tune option options parameters",
-        "capture-app preview CAMERA": "capture-preview preview-window image-view imageview open-camera "
+        "capture-app preview CAMERA": "hello capture-preview preview-window image-view imageview open-camera "
         "open-webcam",
         "capture-app relay LEADER": "repeater bridge proxy forward tunnel",
         "capture-app leader --lsl": "lab-streaming-layer",
-        "capture-app mark TEXT": "marker event-marker bookmark",
+        "capture-app mark TEXT": "marker event-marker bookmark slate clapper clap",
         "capture-app refclock": "chrony ntp ptp",
         "capture-app cameras remove NAME": "kick eject disconnect drain detach unplug remove rm delete stop "
         "kill release-camera hide-source remove-source cordon evict delete-node remove-node",
         "capture-app burst --repeat N": "repeat replicas series hdr bracket bracketing sequence",
         "capture-app doctor --report FILE": "bugreport bug-report report-bug support-bundle bug",
-        "capture-app rig start --camera SPEC": "scale scene add-scene multi multicamera multi-camera",
+        "capture-app rig start --camera SPEC": "scale multi multicamera multi-camera",
         "capture-app sessions export SESSION --to rrd": "rerun",
         "capture-app sessions export SESSION --to splats": "postshot",
         "capture-app panel read SESSION": "timecode-read read-panel",
@@ -201,12 +202,13 @@ _COMMANDS = {
         "capture-app sessions trash SESSION": "delete rm remove del purge",
         "capture-app sessions list": "ls dir",
         "capture-app sessions show SESSION": "info inspect describe open details metadata size du stat stats "
-        "cat status",
+        "cat status timecode time-code",
         "capture-app sessions rename SESSION NAME": "mv move name label",
         "capture-app sessions verify SESSION": "check validate fsck",
         "capture-app sessions repair SESSION": "fix recover resume",
-        "capture-app sessions export SESSION": "convert save to copy cp upload backup download share push",
-        "capture-app sessions import SOURCE": "add load read from merge combine concat new-from pull",
+        "capture-app sessions export SESSION": "convert save to copy cp upload backup download share push "
+        "pull get fetch",
+        "capture-app sessions import SOURCE": "add load read from merge combine concat new-from",
         "capture-app sessions note SESSION TEXT": "annotate comment tag rate star edit describe-as",
         "capture-app sessions restore SESSION": "undelete undo untrash",
         "capture-app sessions sheet SESSION": "contact-sheet thumbnails preview grid index",
@@ -223,19 +225,19 @@ _COMMANDS = {
         "reconstruct multiview SESSION --out DIR": "photogrammetry depth depthmap dense mvs pointcloud "
         "point-cloud cloud fusion 3d volumetric scan obj model patch-match-stereo stereo-fusion "
         "automatic-reconstructor delaunay-mesher reconstruct reconstruction rebuild tsdf voxel build "
-        "run pipeline run-pipeline start create make texture texturer mesh-texturer texrecon meshing "
-        "meshroom odm mvsnet cloudcompare dust3r vggt 3d-model pcshow pcd openmvs reconstruction-3d "
-        "dense-reconstruction fuse fused tsdf-fusion poisson-recon depth-fusion depthanything midas "
-        "scene",
+        "model-converter run pipeline run-pipeline start create make texture texturer mesh-texturer "
+        "texrecon meshing meshroom odm mvsnet cloudcompare dust3r vggt 3d-model pcshow pcd openmvs "
+        "reconstruction-3d dense-reconstruction fuse fused tsdf-fusion poisson-recon depth-fusion "
+        "depthanything midas scene",
         "reconstruct multiview SESSION --mesh --out DIR": "glb gltf mesh poisson mesher poisson-mesher",
         "reconstruct stereo SESSION --out DIR": "disparity sgbm pair rectify stereo-image-proc bm depth-pair "
         "stereo-match",
         "reconstruct calibrate SESSION --mark CAMERA=X,Y --distance-m M": "scale align-gcp gcp height",
         "reconstruct view SESSION --page --out DIR": "share",
         "reconstruct calibrate SESSION": "sfm sparse mapper calib calibration intrinsics extrinsics poses "
-        "colmap feature-extractor exhaustive-matcher sequential-matcher image-undistorter bundle-adjuster "
+        "colmap feature-extractor exhaustive-matcher sequential-matcher bundle-adjuster "
         "matcher global-mapper point-triangulator triangulator database database-creator aligner "
-        "model-aligner configurator rig-configurator calibrator camera-calibration undistort solve slam "
+        "model-aligner configurator rig-configurator calibrator camera-calibration solve slam "
         "camera-solve camera-track matchmove estimate parameters bundle adjuster rig-bundle-adjuster "
         "calibrate-intrinsics calibrate-extrinsics calibrate-camera intrinsic extrinsic vocab-tree-matcher "
         "analyzer model-analyzer register image-registrator align-cameras poses-calibrate stereo-calibrate "
@@ -243,7 +245,7 @@ _COMMANDS = {
         "reprojection-error residuals color-extractor spatial rig sift features matching matches "
         "keypoints-match hand-eye odometry vo vio camera-model camera-params essential fundamental "
         "homography pnp solvepnp camera-info kalibr",
-        "reconstruct splat SESSION --out DIR": "splats gsplat gaussian gaussians gaussian-splat "
+        "reconstruct splat SESSION --out DIR": "ns-export splats gsplat gaussian gaussians gaussian-splat "
         "gaussian-splatting splatfacto train 3dgs nerf nerfacto ngp instant-ngp gs gsplats "
         "radiance-field fit optimize optimise neus gsplat-train supersplat brush postshot 3d-gaussians "
         "mip-nerf zipnerf tensorf",
@@ -255,6 +257,7 @@ _COMMANDS = {
         "render-output open3d meshlab gif film movie mp4 webp",
         "reconstruct time SESSION": "sync synchronize align offset offsets synchronise time-sync genlock "
         "audio-sync",
+        "reconstruct people SESSION --smooth 6 --out DIR": "butterworth lowpass low-pass cutoff",
         "reconstruct people SESSION --keypoints FOLDER --out DIR": "import-keypoints import-labels "
         "load-keypoints load-labels",
         "reconstruct people SESSION --out DIR": "gait angles pose2d pose3d markerless pose skeleton mocap "
@@ -345,7 +348,8 @@ _COMMANDS = {
 FORMATS = {
     "otio": "premiere premiere-pro adobe resolve davinci davinci-resolve final-cut final-cut-pro fcp fcpx "
     "fcpxml xml edl aaf avid kdenlive hiero editor nle timeline",
-    "splats": "blender gltf 3dgs gsplat gaussian-splatting gaussians inria postshot brush",
+    "splats": "undistort undistorted image-undistorter pinhole blender gltf 3dgs gsplat "
+    "gaussian-splatting gaussians inria postshot brush",
     "nerfstudio": "instant-ngp ngp nerf transforms",
     "colmap": "metashape agisoft realitycapture realityscan openmvs",
     "caliscope": "anipose",
@@ -424,7 +428,7 @@ _OPTIONS = {
     "--to mp4": "codec mp4 video prores",
     "--align": "sync audio by",
     "--page": "paper",
-    "--wait-s": "timeout wait delay timer countdown self-timer",
+    "--wait-s": "timeout wait",
     "--masks": "mask",
     "--lens": "camera-model model distortion",
     "--spz": "compress",
@@ -470,67 +474,17 @@ _SHAPES = {
     r"(\d+(fps|hz)|\d{3,5}x\d{3,5})": "capture-app node --camera SPEC,fps=N,width=W",
 }
 """What a word means by its shape: a camera, the address of a leader, or a size."""
-_WEAK = {
-    *(
-        "add",
-        "all",
-        "begin",
-        "connect",
-        "convert",
-        "create",
-        "do",
-        "export",
-        "finish",
-        "get",
-        "join",
-        "list",
-        "make",
-    ),
-    *(
-        "new",
-        "open",
-        "out",
-        "output",
-        "run",
-        "save",
-        "see",
-        "set",
-        "show",
-        "start",
-        "take",
-        "to",
-        "use",
-        "view",
-    ),
-    *("camera", "data", "file", "format", "path", "session"),
-    *("adb", "colmap", "ffmpeg", "obs", "python"),
-}
-"""Words that say less than the others of a line, as in `list-devices`."""
-_FILLERS = {
-    *(
-        "a",
-        "an",
-        "are",
-        "by",
-        "can",
-        "do",
-        "for",
-        "from",
-        "how",
-        "i",
-        "in",
-        "is",
-        "it",
-        "last",
-        "me",
-        "my",
-        "not",
-        "of",
-        "on",
-    ),
-    *("our", "please", "the", "this", "to", "two", "want", "with", "your"),
-}
-"""Words of a sentence that say nothing."""
+_WEAK, _FILLERS = (
+    {*words.split()}
+    for words in (
+        "adb add all begin camera colmap connect convert create data do export ffmpeg file finish "
+        "format get join list make new obs open out output path python run save see session set show "
+        "start take to use view",
+        "a an are by can do for from how i in is it last me my not of on our please the this to two "
+        "want with your",
+    )
+)
+"""Words that say less than the others of a line, as in `list-devices`, and those that say nothing."""
 _SOURCES = ("capture-app burst", "capture-app record", "capture-app node", "capture-app preview")
 """Commands that make footage: a file that is named beside them is not imported first."""
 _MODELS = (".glb", ".gltf", ".obj", ".ply", ".usdz")
@@ -568,6 +522,8 @@ _UNITS = [
     )
 ]
 """Units of time, length and rate, which people write after a number and our options have in their names."""
+_NUMBER = re.compile(r"\d+|\d*:[\d:.]+|\d*\.\d+")
+"""A number or a time, which alone means nothing."""
 _ENDING = re.compile("(?<=...)(ations?|at(e[sd]?|ing)|ings?|ed|es?|s)$")
 _TOO_MANY = re.compile(r"Got unexpected extra arguments? \((.*)\)", re.DOTALL)
 _CLOSE = 0.75
@@ -676,6 +632,8 @@ def advise(error: click.UsageError, typed_line: Sequence[str] = ()) -> str:
     if models and isinstance(error, click.MissingParameter | click.NoSuchCommand):
         return f"'{models[0]}' is a 3D model: Blender shows it, and reconstruct view shows sessions"
     files = [word for before, word in named if before[:2] != "-o" != before[1:3] and _is_footage(word)]
+    # Beside what is there, other names are outputs.
+    files = [*filter(os.path.lexists, files)] or files
     footage = " ".join(files[:3] + ["..."] * (len(files) > 3))
     extra = _TOO_MANY.fullmatch(error.message.rstrip("."))
     if error.ctx is None or not (extra or isinstance(error, click.NoSuchOption | click.NoSuchCommand)):
@@ -687,7 +645,7 @@ def advise(error: click.UsageError, typed_line: Sequence[str] = ()) -> str:
         return f"{unknown} ({option})"
     own, every = _tables(error, error.ctx, typed_line)
     split = (word.split("=", 1) if word[:2] == "--" else [word] for word in typed_line[:_MAX_WORDS])
-    words = [word for parts in split for word in parts if not word.isdecimal()]
+    words = [word for parts in split for word in parts if not _NUMBER.fullmatch(word)]
     at = words.index(typed) if typed in words else len(words)
     after, before = words[at + 1 :], [word for word in words[:at] if word not in ours]
     near = names if isinstance(error, click.NoSuchCommand) else _options(error.ctx)
@@ -704,11 +662,15 @@ def advise(error: click.UsageError, typed_line: Sequence[str] = ()) -> str:
     value = [word for word in after[:1] if word[:1] != "-"]
     others = [word for word in (*after, *before) if not (word in files or os.path.lexists(word))]
     asked = [typed, *([*others, *["footage"][: len(files)]] if names else value)]
-    places = {"SOURCE": footage, "SESSION": next(filter(None, map(_session_at, typed_line[:_MAX_WORDS])), "")}
+    session = next(filter(None, map(_session_at, typed_line[:_MAX_WORDS])), "")
+    places = {"SOURCE": footage, "SESSION": session}
+    ranked = every.ranked(asked)
+    if session and names:
+        ranked = [line for line in ranked if "SESSION" in line] or [_OF_A_SESSION[path.split()[0]]]
     # What was typed is not an answer.
     shown = [
         " ".join((re.sub("SOURCE|SESSION", lambda place: places[place[0]] or place[0], line), *number))
-        for line in every.ranked(asked)
+        for line in ranked
         for number in [[*filter(None, (_in_unit(word, line) for word in value))]]
         if line not in words and re.sub(" [A-Z].*", "", line) != path
     ][:3]

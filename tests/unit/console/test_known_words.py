@@ -312,7 +312,7 @@ capture-app record 30s > (write --seconds 30)
 capture-app record for 2 hours > (write --seconds 7200)
 capture-app record --duration 2min > it is --seconds 120
 capture-app record --fps 30fps > write 30
-capture-app burst --delay 500ms > it is --wait-s 0.5
+capture-app burst --timeout 500ms > it is --wait-s 0.5
 capture-app burst 120 fps > it is capture-app node --camera SPEC,fps=N,width=W
 capture-app burst 10 photos > it is --frames
 capture-app burst -t 1/500 > capture-app cameras set exposure=4000
@@ -338,6 +338,10 @@ capture-app "C:\\\\takes" > there is nothing at C:\\takes; the command comes fir
 reconstruct Pose2Sim.calibration > it is reconstruct calibrate SESSION
 reconstruct make splat from x > it is reconstruct splat SESSION --out DIR
 reconstruct kalibr_calibrate_cameras --models pinhole > it is reconstruct calibrate SESSION
+reconstruct filtering --butterworth 6 > it is reconstruct people SESSION --smooth 6 --out DIR
+capture-app config --list > it is capture-app cameras controls
+capture-app burst --countdown 3 > it is capture-app burst, after the shell's sleep 10
+capture-app slate take > it is capture-app mark TEXT
 """.strip().splitlines()
 
 
@@ -362,6 +366,9 @@ def test_a_first_line_of_another_program_is_answered(line: str, capfd: pytest.Ca
         "reconstruct take1 to splat > reconstruct splat sessions/take1",
         "capture-app sync take1 > reconstruct time sessions/take1",
         "capture-app check take1 > capture-app sessions verify sessions/take1",
+        "capture-app pull take1 ./here > capture-app sessions export sessions/take1",
+        "capture-app timecode take1 > capture-app sessions show sessions/take1",
+        "reconstruct undistort take1 -o out > capture-app sessions export sessions/take1 --to splats",
     ],
 )
 def test_a_line_with_a_session_is_answered_about_sessions(
@@ -598,6 +605,17 @@ def test_a_folder_or_a_picture_as_a_command_is_imported_first(
     assert "footage" not in capfd.readouterr().err
     assert run_reconstruct(["splat", "photos"]) == ExitCode.USAGE
     assert "footage is imported first: capture-app sessions import photos" in capfd.readouterr().err
+
+
+def test_of_a_films_line_only_what_is_there_is_imported(
+    capfd: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "a.mp4").touch()
+    assert RUN["capture-app"](shlex.split("-i a.mp4 -ss 00:00:00.5 -frames:v 1 a.png")) == ExitCode.USAGE
+    printed = capfd.readouterr().err
+    assert "capture-app sessions import a.mp4, " in printed
+    assert "webcam" not in printed  # a time is no camera's number
 
 
 def test_the_last_session_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -24,7 +24,7 @@ _COMMANDS = {
         "capture-app status --watch": "follow tail logs-f log-f logs-follow",
         "capture-app rig list": "ps rigs log logs logcat container containers process processes events "
         "journal dmesg",
-        "capture-app burst": "capture shoot take snap photo picture snapshot shot trigger frames grab arm "
+        "capture-app burst": "capture shoot take snap photo picture snapshot shot trigger frames grab "
         "fire still stills getsnapshot imwrite screencap release photograph screenshot capture-image "
         "capture-photo capture-still capture-frame capture-frames jpeg jpg raw shots bulb photos "
         "foto fotos bild fotografia capture-pictures selfie click pic pics snap-photo expose",
@@ -64,8 +64,8 @@ _COMMANDS = {
         "camera-size r rate hz 4k 1080p 720p hd uhd rotate flip roi bitdepth pixel aspect",
         "capture-app trust pair LEADER": "pair login auth key keys register enroll enrol authorize authorise "
         "authenticate remote-add",
-        "capture-app sessions list": "ls list takes library images files gallery log history lsl lsf lsd "
-        "lsjson tree sessions-list dir catalog archive-list db database show-all l take-list "
+        "capture-app sessions list": "ls list takes pull yesterday library images files gallery log history "
+        "lsl lsf lsd lsjson tree sessions-list dir catalog archive-list db database show-all l take-list "
         "recordings-list index where where-videos my-videos results see-results",
         "capture-app sessions trash SESSION": "delete rm remove del rmi trash unlink erase destroy drop "
         "discard rmdir",
@@ -82,7 +82,7 @@ _COMMANDS = {
         "capture-app sessions restore SESSION": "undo undelete untrash revert restore recover-deleted "
         "rollback reset-take undelete-take",
         "capture-app sessions import SOURCE": "footage gopro ingest dji multicam clips sync synchronize "
-        "align load pull fetch merge concat process-data ns-process-data import-videos open-video "
+        "align load fetch merge concat process-data ns-process-data import-videos open-video "
         "extract-frames join-videos hstack vstack add-videos add-new-videos import pull-video "
         "download-footage add-footage open-folder multicam-sync align-videos sync-audio stitch-videos "
         "input-files convert-video put-together together combine sincronizar synchroniser synchronisieren",
@@ -103,10 +103,10 @@ _COMMANDS = {
         "node-status check-sync check-synchronization cluster cluster-info topic topics heartbeat echo hz "
         "state-of ready readiness sync-state drift jitter bandwidth monitor-status get-state health-check "
         "healthcheck",
-        "capture-app doctor": "check diagnose test disk space storage du firewall network wifi troubleshoot "
-        "debug self-test selftest lint env environment system-info sysinfo about-system check-install "
-        "battery temperature power usage gpu cpu memory permissions driver drivers ncdu df error errors "
-        "problem broken work not-work not-found no-camera",
+        "capture-app doctor": "check diagnose test disk card space storage du firewall network wifi "
+        "troubleshoot debug self-test selftest lint env environment system-info sysinfo about-system "
+        "check-install battery temperature power usage gpu cpu memory permissions driver drivers ncdu df "
+        "error errors problem broken work not-work not-found no-camera",
         "capture-app, by the line that installed it (docs/install.md)": "update upgrade install",
         "capture-app, by make uninstall or pip uninstall simulshot": "uninstall",
         "capture-app phones": "phone mobile android ios qr join-qr pair-qr iphone ipad smartphone tablet apk "
@@ -145,7 +145,7 @@ _COMMANDS = {
         "freeze freeze-frame visualize visualise plot rviz novel-view",
         "reconstruct view SESSION --page --out DIR": "share publish viewer",
         "capture-app burst --before N": "replay replay-buffer instant-replay retroactive pre-roll preroll",
-        "capture-app burst --wait-s S": "wait wait-for wait-for-device",
+        "capture-app burst --wait-s S": "wait wait-for wait-for-device arm",
         "capture-app burst, after the shell's sleep 10": "countdown self-timer timer photobooth",
         "capture-app rig stop, then capture-app rig start": "restart reboot rollout reset reload",
         "capture-app rig stagger ORDER": "stagger offset-cameras interleave phase trigger-delay",
@@ -212,7 +212,7 @@ _COMMANDS = {
         "capture-app sessions note SESSION TEXT": "annotate comment tag rate star edit describe-as",
         "capture-app sessions restore SESSION": "undelete undo untrash",
         "capture-app sessions sheet SESSION": "contact-sheet thumbnails preview grid index",
-        "capture-app sessions wiggle SESSION": "play view gif animate preview-video watch",
+        "capture-app sessions wiggle SESSION": "play replay view gif animate preview-video watch",
         "capture-app sessions empty-trash": "clean prune empty",
         "reconstruct time SESSION": "sync synchronize align time offset",
         "reconstruct view SESSION --out DIR": "render",
@@ -228,7 +228,7 @@ _COMMANDS = {
         "model-converter run pipeline run-pipeline start create make texture texturer mesh-texturer "
         "texrecon meshing meshroom odm mvsnet cloudcompare dust3r vggt 3d-model pcshow pcd openmvs "
         "reconstruction-3d dense-reconstruction fuse fused tsdf-fusion poisson-recon depth-fusion "
-        "depthanything midas scene",
+        "depthanything midas",
         "reconstruct multiview SESSION --mesh --out DIR": "glb gltf mesh poisson mesher poisson-mesher",
         "reconstruct stereo SESSION --out DIR": "disparity sgbm pair rectify stereo-image-proc bm depth-pair "
         "stereo-match",
@@ -350,7 +350,7 @@ FORMATS = {
     "fcpxml xml edl aaf avid kdenlive hiero editor nle timeline",
     "splats": "undistort undistorted image-undistorter pinhole blender gltf 3dgs gsplat "
     "gaussian-splatting gaussians inria postshot brush",
-    "nerfstudio": "instant-ngp ngp nerf transforms",
+    "nerfstudio": "ns-process-data process-data instant-ngp ngp nerf transforms",
     "colmap": "metashape agisoft realitycapture realityscan openmvs",
     "caliscope": "anipose",
     "pose2sim": "opensim mocap",
@@ -489,7 +489,7 @@ _SOURCES = ("capture-app burst", "capture-app record", "capture-app node", "capt
 """Commands that make footage: a file that is named beside them is not imported first."""
 _MODELS = (".glb", ".gltf", ".obj", ".ply", ".usdz")
 _OF_A_SESSION = {
-    "reconstruct": "reconstruct compare SESSION --out DIR",
+    "reconstruct": "reconstruct multiview SESSION --out DIR",
     "capture-app": "capture-app sessions show SESSION",
 }
 """What a session in place of a command means where no other word of the line says it."""
@@ -586,6 +586,9 @@ class _Tables:
             # Of two words, such as `grab video`, both together decide.
             both = self.lines(word + after.lstrip("-")) if after else ()
             known = {**self.meanings(word), **dict.fromkeys(both, 2.0)}
+            if word[:1] == "-" and word != words[0]:
+                # Docker's `run --rm` deletes no take.
+                known = {line: weight for line, weight in known.items() if " trash " not in line}
             # What stands first says more than what follows, unless it says little.
             known = known if scores else {line: weight + (weight >= 0.5) for line, weight in known.items()}
             scores.update({line: scores.get(line, 0) + weight for line, weight in known.items()})
@@ -613,7 +616,7 @@ def _weight(word: str) -> float:
 def _plain(word: str) -> str:
     """Return a word as it is looked up: without a value, hyphens, capitals and ending."""
     # One letter means two things, as gphoto2's -i and -I.
-    plain = re.sub("^/|[-_]", "", word.partition("=")[0])
+    plain = re.sub("^/|[-_]|[?!.,]$", "", word.partition("=")[0])
     return _ENDING.sub("", plain.casefold()) if len(plain) > 1 else plain
 
 
@@ -653,7 +656,7 @@ def advise(error: click.UsageError, typed_line: Sequence[str] = ()) -> str:
     more = [
         f"{word} is {(*every.ranked([word]), 'unknown, too')[0]}"
         for word in after
-        if isinstance(error, click.NoSuchOption) and word[:1] == "-" and word not in near
+        if isinstance(error, click.NoSuchOption) and word[:1] == "-" and word not in (*near, typed)
     ]
     close = get_close_matches(typed.casefold(), near, 1, _CLOSE)
     if close and ((not after and _plain(close[0]) == _plain(typed)) or not (known or _weight(typed) < 0.5)):
@@ -664,23 +667,31 @@ def advise(error: click.UsageError, typed_line: Sequence[str] = ()) -> str:
     asked = [typed, *([*others, *["footage"][: len(files)]] if names else value)]
     session = next(filter(None, map(_session_at, typed_line[:_MAX_WORDS])), "")
     places = {"SOURCE": footage, "SESSION": session}
-    ranked = every.ranked(asked)
-    if session and names:
-        ranked = [line for line in ranked if "SESSION" in line] or [_OF_A_SESSION[path.split()[0]]]
+    ranked = every.ranked(asked) or [_OF_A_SESSION[path.split()[0]]] * bool(session and names)
     # What was typed is not an answer.
     shown = [
-        " ".join((re.sub("SOURCE|SESSION", lambda place: places[place[0]] or place[0], line), *number))
+        _whole(
+            " ".join((re.sub("SOURCE|SESSION", lambda place: places[place[0]] or place[0], line), *number))
+        )
         for line in ranked
         for number in [[*filter(None, (_in_unit(word, line) for word in value))]]
         if line not in words and re.sub(" [A-Z].*", "", line) != path
     ][:3]
     answer = "; ".join((f"{unknown}: it is {', or '.join(shown)}" if shown else unknown, *more))
-    is_source = (*shown, path)[0].startswith(_SOURCES) and not any(map(os.path.lexists, files))
-    if footage and not (known or is_source or " import" in answer + path):
+    is_source = (*shown, path)[0].startswith(_SOURCES)
+    is_there = names and any(map(os.path.lexists, files))
+    if footage and (is_there or not (known or is_source)) and " import" not in answer + path:
         return f"{answer}; footage is imported first: capture-app sessions import {footage}"
     if shown and (known or names or extra):
         return answer
     return answer + (OVERVIEW if error.ctx.parent is None else f"; {path} takes {_takes(error.ctx)}")
+
+
+def _whole(line: str) -> str:
+    """Return an export's line with the options without which it is refused."""
+    return re.sub(
+        r"(export [^ ,]+)( --to \S+)?$", lambda of: f"{of[1]}{of[2] or ' --to FORMAT'} --out DIR", line
+    )
 
 
 def _unknown(error: click.UsageError, extra: str, typed_line: Sequence[str]) -> tuple[str, str]:
@@ -709,7 +720,8 @@ def _tables(
     ours = {f"{at.command_path} {name}": name for at in (ctx, root) for name in _names(at)}
     programs = [_COMMANDS.get(name, {}) for name in (root.command_path, "capture-app", "reconstruct")]
     own = {**known, **_COMMANDS.get(path, {})}
-    of_session = "capture-app sessions" if names and any(map(_session_at, typed_line[:_MAX_WORDS])) else ""
+    has_session = names and any(map(_session_at, typed_line[:_MAX_WORDS]))
+    of_session = "capture-app sessions" if has_session else ""
     every = (
         _COMMANDS.get(of_session, {}),
         own,
@@ -718,7 +730,9 @@ def _tables(
         _EXPORTS,
         *programs[1 : 3 if names else 1],
     )
-    return _Tables(own), _Tables(*every)
+    # A line about a session is not answered with what takes none.
+    rows = ({line: of[line] for line in of if "SESSION" in line or not has_session} for of in every)
+    return _Tables(own), _Tables(*rows)
 
 
 def _names(ctx: click.Context) -> list[str]:
@@ -781,7 +795,7 @@ def _is_footage(word: str) -> bool:
 
 def _session_at(word: str) -> str:
     """Return the path of the session that a word is, or names in ./sessions; empty for others."""
-    places = (Path(word), Path("sessions", word)) if word else ()
+    places = (Path(word), Path("sessions", word), Path(word.replace("\\", "/"))) if word else ()
     return next(
         (place.as_posix() for place in places if os.path.isfile(place / "session.json")),  # noqa: PTH113 - the same
         "",

@@ -71,8 +71,8 @@ capture-app list > capture-app sessions list
 capture-app delete > capture-app sessions trash SESSION
 capture-app rm > capture-app sessions trash SESSION
 capture-app import > capture-app sessions import SOURCE
-capture-app export > capture-app sessions export SESSION
-capture-app convert > capture-app sessions export SESSION
+capture-app export > capture-app sessions export SESSION --to FORMAT --out DIR
+capture-app convert > capture-app sessions export SESSION --to FORMAT --out DIR
 capture-app verify > capture-app sessions verify SESSION
 capture-app info > capture-app status
 capture-app sync > capture-app status
@@ -126,9 +126,9 @@ reconstruct play x > reconstruct view SESSION --out DIR
 capture-app reconstruct > reconstruct, a command of its own
 capture-app statsu > 'status'
 capture-app rcord > 'record'
-capture-app arm > capture-app burst
+capture-app arm > capture-app burst --wait-s S
 capture-app orbit take1 > reconstruct view SESSION --out DIR
-capture-app rosbag take1 > capture-app sessions export SESSION --to mcap
+capture-app rosbag take1 > capture-app sessions export SESSION --to mcap --out DIR
 reconstruct gait take1 > reconstruct people SESSION --out DIR
 capture-app make-board > reconstruct board FILE
 capture-app genlock > capture-app status
@@ -138,7 +138,7 @@ capture-app sync a.mp4 b.mp4 > capture-app sessions import a.mp4 b.mp4
 capture-app info take1 > capture-app sessions show SESSION
 capture-app intrinsics cam1.mp4 > reconstruct calibrate SESSION
 capture-app extrinsics > reconstruct calibrate SESSION
-capture-app edl take1 > capture-app sessions export SESSION --to otio
+capture-app edl take1 > capture-app sessions export SESSION --to otio --out DIR
 capture-app undo > capture-app sessions restore SESSION
 capture-app disk > capture-app doctor
 capture-app log > capture-app rig list
@@ -167,7 +167,7 @@ capture-app sessions open x > capture-app sessions show SESSION
 capture-app sessions mv x y > capture-app sessions rename SESSION NAME
 capture-app sessions check x > capture-app sessions verify SESSION
 capture-app sessions recover x > capture-app sessions repair SESSION
-capture-app sessions convert x > capture-app sessions export SESSION
+capture-app sessions convert x > capture-app sessions export SESSION --to FORMAT --out DIR
 capture-app sessions add x > capture-app sessions import SOURCE
 capture-app sessions undelete x > capture-app sessions restore SESSION
 capture-app sessions prune > capture-app sessions empty-trash
@@ -333,7 +333,7 @@ capture-app export --format trc x > it is reconstruct people SESSION --out DIR
 capture-app /? > it is capture-app --help
 capture-app /list > it is capture-app sessions list
 capture-app join videos a.mp4 b.mp4 > it is capture-app sessions import a.mp4 b.mp4
-capture-app "record" "C:/videos/out.mp4" > it is capture-app sessions export SESSION --to mp4 (
+capture-app "record" "C:/videos/out.mp4" > it is capture-app sessions export SESSION --to mp4 --out DIR (
 capture-app "C:\\\\takes" > there is nothing at C:\\takes; the command comes first
 reconstruct Pose2Sim.calibration > it is reconstruct calibrate SESSION
 reconstruct make splat from x > it is reconstruct splat SESSION --out DIR
@@ -366,6 +366,9 @@ def test_a_first_line_of_another_program_is_answered(line: str, capfd: pytest.Ca
         "reconstruct take1 to splat > reconstruct splat sessions/take1",
         "capture-app sync take1 > reconstruct time sessions/take1",
         "capture-app check take1 > capture-app sessions verify sessions/take1",
+        "capture-app run --rm -it take1 > reconstruct multiview sessions/take1 --out DIR",
+        "reconstruct ns-process-data take1 > capture-app sessions export sessions/take1 --to nerfstudio",
+        "capture-app sessions\\\\take1 > capture-app sessions show sessions/take1",
         "capture-app pull take1 ./here > capture-app sessions export sessions/take1",
         "capture-app timecode take1 > capture-app sessions show sessions/take1",
         "reconstruct undistort take1 -o out > capture-app sessions export sessions/take1 --to splats",
@@ -556,7 +559,7 @@ def test_a_session_in_place_of_a_command_is_answered_with_a_command(
     Path("sessions", "take1").mkdir(parents=True)
     Path("sessions", "take1", "session.json").touch()
     for program, command in (
-        ("reconstruct", "reconstruct compare"),
+        ("reconstruct", "reconstruct multiview"),
         ("capture-app", "capture-app sessions show"),
     ):
         assert RUN[program](["take1"]) == ExitCode.USAGE
@@ -616,6 +619,10 @@ def test_of_a_films_line_only_what_is_there_is_imported(
     printed = capfd.readouterr().err
     assert "capture-app sessions import a.mp4, " in printed
     assert "webcam" not in printed  # a time is no camera's number
+    assert RUN["capture-app"](shlex.split("-i a.mp4 -i b.mp4 -c copy out.mp4")) == ExitCode.USAGE
+    printed = capfd.readouterr().err
+    assert "capture-app sessions import a.mp4" in printed
+    assert "-i is" not in printed
 
 
 def test_the_last_session_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

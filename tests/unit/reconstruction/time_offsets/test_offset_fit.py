@@ -13,6 +13,7 @@ from reconstruction.time_offsets.crossings import (
     InstantOffset,
     OffsetFit,
     StillErrors,
+    _fit,
     fit_offset,
     fit_slope,
     points_at_offset,
@@ -371,3 +372,39 @@ def test_points_are_moved_along_their_paths_by_less_than_an_image() -> None:
     assert moved(-15.0) == moved(25.0) == []
     at, _, speeds = points_at_offset((at_a, times_a), (at_b, times_b), 15.0)
     assert (at.tolist(), speeds.tolist()) == ([[5, 5]], [[0.5, 1.0]])
+
+
+def test_an_unknown_offset_stays_unknown_under_other_calibrations() -> None:
+    unknown = OffsetFit(reason="nothing agrees")
+    assert unknown.under([OffsetFit(3.0, 0.5)]) is unknown
+    own = OffsetFit(3.0, 0.5, instants=line(3, 3, 3))
+    assert own.under([]) == own
+    wider = own.under([OffsetFit(3.3, 0.5, instants=line(3.4, 3)), OffsetFit(2.6, 0.5)])
+    assert wider.sd_ms == pytest.approx(np.hypot(0.5, 0.4))
+    assert [one.sd_ms for one in wider.instants] == pytest.approx([np.hypot(0.5, 0.4), 0.5, 0.5])
+
+
+def test_few_instants_estimate_their_scatter_poorly() -> None:
+    """By Student's t: of nine instants more by 1.2 / 8 + 2.4 / 64."""
+    count, rng = 9, np.random.default_rng(3)
+    instants = np.repeat(np.arange(count), 40)
+    late_ms = np.repeat(rng.normal(0, 3, count), 40)
+    speed = np.tile([0.5, -0.5], 20 * count)
+    terms = geometry_terms(A, B, *seen((1.5, 6.0), len(instants), seed=1))
+    one, none = np.ones(len(instants)), np.zeros(len(instants))
+    fit = _fit(Crossings(instants, late_ms, speed, one, none, terms, instants), NOTHING_STILL, 1.0)
+    inverse = np.linalg.inv(fit.normal)
+    drawn = fit._scatter(fit.weights * fit.miss * (fit.rows @ inverse[0]))
+    assert fit.sd_ms == pytest.approx(drawn * (1 + 1.2 / 8 + 2.4 / 64))
+    assert drawn**2 > inverse[0, 0]
+
+
+def test_a_geometry_that_moves_more_than_its_prior_is_less_certain() -> None:
+    """The prior's standard deviation grows to what the errors themselves show (MacKay)."""
+    quiet, loud = (
+        _fit(crossings(0.0, right=400, wrong=0, shift_px=px), NOTHING_STILL, 1.0) for px in (0.0, 12.0)
+    )
+    place = 1
+    assert abs(loud.geometry[0]) > 8
+    sds = [np.sqrt(np.linalg.inv(fit.normal)[place, place]) for fit in (quiet, loud)]
+    assert sds[1] > 1.3 * sds[0]

@@ -14,7 +14,12 @@ from reconstruction.time_offsets import pair_offset
 from reconstruction.time_offsets.crossings import Crossings, OffsetFit
 from reconstruction.time_offsets.frame_jumps import BESIDE
 from reconstruction.time_offsets.instant_votes import Change, Step
-from reconstruction.time_offsets.pair_offset import PairOffsets, fit_in_motion
+from reconstruction.time_offsets.pair_offset import (
+    GUESSED_IN_MOTION,
+    UNDETERMINED,
+    PairOffsets,
+    fit_in_motion,
+)
 from tests.unit.reconstruction.conftest import make_view
 
 PERIOD_MS = 33.0
@@ -266,3 +271,43 @@ def test_a_calibration_is_corrected_with_the_offset_in_motion(monkeypatch: pytes
     moving.corrections = endless | {120.0: (OTHER, 1.0, 0.4)}
     lost = moving.measure()
     assert (lost.offset_ms, lost.misfit_px) == (None, 5.0)
+
+
+@pytest.mark.parametrize(
+    ("doubtful", "moves", "in_plane", "reason"),
+    [
+        (False, True, True, ""),
+        (True, True, False, GUESSED_IN_MOTION),
+        (True, False, True, UNDETERMINED),
+        (True, False, False, ""),
+    ],
+)
+def test_a_guessed_calibration_shows_no_offset_where_others_fit_as_well(
+    monkeypatch: pytest.MonkeyPatch, doubtful: bool, moves: bool, in_plane: bool, reason: str
+) -> None:
+    scene = SimpleNamespace(
+        views=dict(zip("LR", VIEWS, strict=True)), lenses=SimpleNamespace(is_doubtful=doubtful)
+    )
+    pairs = finder(scene=scene, dataset=take())
+    monkeypatch.setattr(PairOffsets, "moving", lambda self, cameras: {"L": (9.0, 33.0)} if moves else {})
+    monkeypatch.setattr(PairOffsets, "_still_matches", lambda self, *cameras: cameras)
+    monkeypatch.setattr(pair_offset, "fit_one_plane", lambda *at: at == ("L", "R") and in_plane)
+    assert pairs._why_unmeasurable("L", "R") == reason
+
+
+def test_cameras_that_move_have_no_outlines() -> None:
+    """All of the picture moves in front of them; of a still camera each outline counts as four points."""
+    outline = SimpleNamespace(area=np.array([90.0]), at=np.zeros((1, 2)), errors_px=np.array([0.3]))
+    points = np.eye(128)[:20], np.zeros((3, 20, 2))
+    parts = {
+        "_points": lambda camera, k, all_moves: points,
+        "_outlines": lambda camera, k: outline,
+        "_path": lambda times, image, corners, objects: (image, corners.shape, len(objects)),
+    }
+    pairs: Any = finder(**parts)
+    (first, second), counts, errors_px = pairs._paths(None, ("L", "R"), False, (3, 4))
+    assert (first, second) == ((("L", 3), (3, 20, 2), 1), (("R", 4), (3, 20, 2), 1))
+    assert counts.tolist() == [1.0] * 20 + [4.0]
+    assert errors_px.tolist() == [0.0] * 20 + [pytest.approx(np.hypot(0.3, 0.3))]
+    (first, _), counts, errors_px = pairs._paths(None, ("L", "R"), True, (3, 4))
+    assert (first[2], len(counts), len(errors_px)) == (0, 20, 20)

@@ -24,6 +24,7 @@ from reconstruction.time_offsets.rig_offsets import (
     with_own_changes,
 )
 from reconstruction.time_offsets.session_offsets import TimeResult
+from reconstruction.time_offsets.single_images import SingleImages
 from tests.unit.reconstruction.conftest import Reconstruct, make_view
 
 NOTHING = OffsetFit(reason="too little moves")
@@ -177,6 +178,9 @@ def test_what_single_images_show_is_of_a_camera_in_all_its_pairs() -> None:
     assert [found[name].images.screens for name in "abc"] == [("b",), ("b",), ()]
     assert [found[name].images.moved for name in "abc"] == [("a itself was moved",), (), ()]
     assert found["a"].images.period_ms == 33.3
+    # Nor does a pair whose offset is unknown.
+    unknown = measured | {("c", "d"): NOTHING}
+    assert with_changes(adjust_offsets("abcd", "b", unknown), unknown, 33.3)["d"].images == SingleImages()
     # A lone pair says nothing of its reference; the other one has it.
     alone = {("a", "b"): measured["a", "b"]}
     pair = with_changes(adjust_offsets("ab", "a", alone), alone, 33.3)
@@ -194,6 +198,11 @@ def test_images_that_are_odd_in_all_pairs_are_named_unless_something_explains_th
     measured["b", "c"] = OffsetFit(-2.0, 0.5, instants=track(-2, -2, -9, -2))
     found = with_changes(adjust_offsets("abc", "a", measured), measured, 33.3)
     assert found["b"].images.odd_ms == {2: 10}
+    wander = track(*[0.0, 9, -9, 9, -9, 9, -9, 12])
+    shaken = {pair: replace(fit, instants=wander) for pair, fit in measured.items() if pair != ("a", "c")}
+    found = with_changes(adjust_offsets("abc", "a", shaken), shaken, 33.3)
+    assert found["b"].jitter_ms
+    assert found["b"].images.odd_ms == {}
     stepped = replace(odd, change=Change(steps=(Step(20, 1, 19, 21),)))
     changed = measured | {("a", "b"): stepped}
     assert with_changes(adjust_offsets("abc", "a", changed), changed, 33.3)["b"].images.odd_ms == {}

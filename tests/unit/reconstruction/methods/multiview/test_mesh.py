@@ -210,3 +210,16 @@ def test_files_of_a_mesh_are_cleaned_upright_and_in_metres(tmp_path: Path, scene
     )
     few = FusedCloud(*(part[-5:] for part in (away, facing, cloud.colours, cloud.seen)))
     assert build_mesh(few, tmp_path, small, maps, pictures, unit=unit, mesh=False)[0] == 5
+
+
+def test_what_is_behind_the_place_it_is_drawn_from_is_not_drawn() -> None:
+    """A point ahead is a square of three pixels, the nearest of several."""
+    eye, middle, up = np.zeros(3), np.array([0.0, 0, 2]), np.array([0.0, -1, 0])
+    colours = np.array([[10, 20, 30], [40, 50, 60], [70, 80, 90]], np.uint8)
+    points = np.array([[0, 0, 2.0], [0, 0, 1.0], [0, 0, -1.0]])
+    picture = mesh._draw_points(points, colours, eye, middle, up)
+    height, width, _ = picture.shape
+    drawn = (picture != picture[0, 0]).any(2)
+    assert drawn.sum() == 9
+    assert picture[height // 2, width // 2].tolist() == [60, 50, 40]
+    assert not (mesh._draw_points(points[2:], colours[2:], eye, middle, up) != picture[0, 0]).any()

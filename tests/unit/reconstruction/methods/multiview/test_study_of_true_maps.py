@@ -124,6 +124,27 @@ def test_pictures_and_clouds_show_the_instant_with_the_most_motion(
     assert study.view(other, {}, tmp_path) == {"cloud": None}
 
 
+@pytest.mark.parametrize("lacks", ["pycolmap", "points"])
+def test_without_a_cloud_by_colmap_its_picture_is_left_out(
+    trio: Session, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, lacks: str
+) -> None:
+    match_truly(monkeypatch, Dataset(trio))
+    if lacks == "pycolmap":
+        monkeypatch.setattr(multiview_study, "find_spec", lambda name: None)
+        monkeypatch.setattr(multiview_study, "fuse_by_colmap", None)
+    else:
+        few = np.zeros((multiview_study.MIN_POINTS - 1, 3))
+        monkeypatch.setattr(multiview_study, "fuse_by_colmap", lambda *_: (few, few))
+    study = prepared(trio)
+    texts: list[str] = []
+    monkeypatch.setattr(study.progress, "step", texts.append)
+    result = study.compare(Condition.parse("left=33"), tmp_path)
+    assert [picture.key for picture in result.pictures][-1] == "multiview_turntable"
+    assert len(result.pictures) == 3
+    now = int(result.per_instant[0]["instant"])
+    assert sorted(texts) == [f"depth from 3 cameras, instant {now}, {side}" for side in ("offset", "synced")]
+
+
 def test_a_map_without_what_moves_is_scored_so_and_few_points_are_not_shown(
     trio: Session, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -20,6 +20,7 @@ from reconstruction.methods.multiview.instant_model import MadeMultiview
 from reconstruction.methods.multiview.instant_scoring import visible_points
 from reconstruction.methods.multiview.multiview_method import Multiview
 from reconstruction.methods.multiview.result import MultiviewResult
+from reconstruction.methods.multiview.still_scene import StillScene
 from reconstruction.scene.conditions import SYNCHRONIZED, Condition
 from reconstruction.scene.dataset import Dataset
 from reconstruction.scene.scene import Scene
@@ -229,6 +230,8 @@ def test_a_sequence_has_each_instants_files_and_is_resumed(
     assert {"clouds", "depth", "instants", "movers", "plan.json", "sequence.json"} == {*result.files}
     again = msgspec.structs.replace(options, instants=(2,)).make([trio.folder], out)
     assert (again.clouds, again.kept, again.instants) == (1, 1, result.instants[1:])
+    # What is kept counts as done.
+    assert progress.done == 3 + 2 + 1
     with pytest.raises(BadInputError, match="made with --depth"):
         msgspec.structs.replace(options, depth=False).make([trio.folder], out)
 
@@ -264,11 +267,14 @@ def test_each_instant_with_depth_is_given_and_the_others_are_passed_over(
     match_truly(monkeypatch, dataset, {"middle": half})
     scene, late = Scene(dataset), Condition.parse("left=66")
     progress = Steps(trio.folder)
+    looked: list[list[str]] = []
+    monkeypatch.setattr(StillScene, "look", lambda self, images: looked.append([*images]))
     options = msgspec.structs.replace(QUICK, without=("right",), progress=progress)
     inputs = prepare_images(scene, 160)
     assert [maps.instant for maps in match_instants(inputs, (2, 4, 1), late, options)] == [2, 1]
     assert progress.texts == ["instant 2", "instant 4", "instant 1"]
     assert progress.totals == {3}
+    assert looked == [["left", "middle"]] * 2
     with pytest.raises(BadInputError):
         [*match_instants(inputs, (4,), late, options)]
     (seen,) = msgspec.structs.replace(QUICK, min_evidence=None).see(scene, SYNCHRONIZED)

@@ -9,7 +9,7 @@ import pytest
 from capture_app.board.boards import DEFAULT_BOARD
 from capture_app.session.format.lens import Lens
 from reconstruction.common.geometry import Array, View, other_from_reference
-from reconstruction.scene.calibration.board_bundle import Sightings, adjust_bundle
+from reconstruction.scene.calibration.board_bundle import Sightings, _borne_terms, adjust_bundle
 from reconstruction.scene.calibration.board_calibration import calibrate_lens
 from tests.unit.reconstruction.conftest import HEIGHT, WIDTH, make_view
 
@@ -131,3 +131,25 @@ def test_a_fisheye_that_a_perspective_lens_nearly_fits_is_found(noise_px: float)
     found = calibrate_lens("wide", (640, 480), DEFAULT_BOARD, seen)
     assert found.is_fisheye
     assert found.matrix[0, 0] == pytest.approx(282, rel=0.005 if noise_px < 0.1 else 0.01)
+
+
+def test_what_a_term_that_is_left_out_had_explained_goes_to_the_others() -> None:
+    """As the normal distribution of the others is, once these are known to be 0."""
+    rng = np.random.default_rng(4)
+    spread = rng.normal(size=(9, 9))
+    covariance = spread @ spread.T + 9 * np.eye(9)
+    lens = np.array([300.0, 300, 160, 120, 50, 40, 0.1, 0.2, 0.3])
+    terms, left = _borne_terms(False, frozenset(range(9)), lens, covariance, 4.0)
+    assert terms == frozenset({0, 1, 2, 3, 4, 5})
+    known = [8, 6, 7]
+    gain = covariance[:, known] @ np.linalg.inv(covariance[np.ix_(known, known)])
+    assert left[:6] == pytest.approx((lens - gain @ lens[known])[:6])
+    assert left[6:].tolist() == [0, 0, 0]
+    # A term that is clear stays, and with the last radial one the first.
+    sure = np.append(lens[:8], 90.0)
+    terms, left = _borne_terms(False, frozenset(range(9)), sure, covariance, 4.0)
+    assert terms == frozenset({0, 1, 2, 3, 4, 5, 8})
+    assert _borne_terms(False, frozenset(), lens, covariance, 4.0)[0] == frozenset()
+    # A fisheye's terms are left out from the last one on, up to the first that is clear.
+    bent = np.array([140.0, 140, 160, 120, 50, 40, 60, 0.1, 0])
+    assert _borne_terms(True, frozenset(range(8)), bent, covariance, 4.0)[0] == frozenset(range(7))

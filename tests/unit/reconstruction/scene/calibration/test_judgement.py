@@ -17,9 +17,13 @@ from reconstruction.scene.calibration.board_calibration import lenses_of_recordi
 from reconstruction.scene.calibration.consistency import (
     FAR_PX,
     CalibrationQuality,
+    check_rig,
+    consistent_matches,
     find_mixups,
     find_tracks,
+    fit_one_plane,
     judge_calibration,
+    lens_knowledge,
     plainly_fits,
     refuse_bad_calibration,
     reprojection_errors,
@@ -29,7 +33,7 @@ from reconstruction.scene.calibration.consistency import (
 from reconstruction.scene.calibration.soundness import refuse_faults, sound_views
 from reconstruction.scene.calibration.world import World, in_world, marked_points
 from reconstruction.scene.dataset import Dataset
-from reconstruction.scene.pairs import Features
+from reconstruction.scene.pairs import MIN_MATCHES, Features
 from tests.unit.reconstruction.conftest import make_view
 from tests.unit.reconstruction.scene.calibration.test_kept_calibration import calibration
 
@@ -309,3 +313,75 @@ def test_a_rig_is_moved_turned_and_scaled_into_the_world() -> None:
         now = View.from_calibration(moved.cameras[name], 320, 240)
         assert now.centre == pytest.approx(turn @ (2 * view.centre) + (1, 2, 3))
         assert now.axis == pytest.approx(turn @ view.axis)
+
+
+def test_lenses_are_known_as_well_as_the_worst_of_them() -> None:
+    for errors, level in (([0.01, 0.02], "well"), ([0.02, 0.021], "roughly"), ([0.01, 0.6], "not")):
+        knowledge = lens_knowledge(errors)
+        assert (knowledge.level, knowledge.is_guess) == (level, False)
+    assert lens_knowledge([0.012, 0.035]).why == "off by up to 1.2 to 3.5 % (95 %)"
+    unknown = lens_knowledge([], is_guess=True)
+    assert (unknown.level, unknown.why, unknown.is_guess) == ("not", "too few points", True)
+    assert lens_knowledge([], "nothing moves").why == "nothing moves"
+
+
+def test_matches_fit_one_geometry_whatever_the_poses_are() -> None:
+    features = seen()
+    views = RIG["a"], RIG["b"]
+    at_a, at_b = features["a"].positions, features["b"].positions
+    wrong = np.arange(200) < 60
+    mixed = np.where(wrong[:, None], np.random.default_rng(5).permutation(at_b), at_b)
+    for pair in (views, (RIG["c"], RIG["d"])):
+        found = consistent_matches(pair, at_a, mixed)
+        assert found is not None
+        assert found[~wrong].mean() > 0.95
+        assert found[wrong].mean() < 0.2
+    shuffled = np.random.default_rng(5).permutation(at_b)
+    assert consistent_matches(views, at_a, shuffled) is None
+    assert consistent_matches(views, at_a[:MIN_MATCHES], at_b[:MIN_MATCHES]) is not None
+    few = MIN_MATCHES - 1
+    assert consistent_matches(views, at_a[:few], at_b[:few]) is None
+    # At one place no sample gives a geometry.
+    same = np.full((50, 2), 90.0)
+    assert consistent_matches(views, same, same) is None
+
+
+def test_points_in_one_plane_or_too_few_show_no_geometry() -> None:
+    features = seen()
+    at_a, at_b = features["a"].positions, features["b"].positions
+    assert not fit_one_plane(at_a, at_b)
+    assert fit_one_plane(at_a[:5], at_b[:5])
+    flat = np.column_stack([np.random.default_rng(2).uniform(-1, 1, (200, 2)), np.full(200, 3.0)])
+    wall = [view.project(flat @ view.rotation.T + view.translation) for view in (RIG["a"], RIG["b"])]
+    assert fit_one_plane(*wall)
+    same = np.full((50, 2), 90.0)
+    assert fit_one_plane(same, same)
+
+
+def test_a_rig_is_checked_between_neighbours_that_look_the_same_way() -> None:
+    features = seen()
+    check = check_rig(RIG, features)
+    assert (check.points, check.unchecked, check.holds) == (6 * 200, (), True)
+    assert check.error_px == pytest.approx(0.1, abs=0.05)
+    assert check.errors_px.keys() == RIG.keys()
+    # A camera that has no feature, or looks elsewhere, is not checked.
+    some = {name: features[name] for name in "abc"}
+    assert check_rig(RIG, some).unchecked == ("d",)
+    assert check_rig(RIG, some).points == 3 * 200
+    aside = replace(RIG["d"], rotation=make_view((0, 0, 0), yaw=120).rotation)
+    assert check_rig(RIG | {"d": aside}, features).unchecked == ("d",)
+    nothing = check_rig({}, {})
+    assert (nothing.points, nothing.error_px, nothing.holds) == (0, None, True)
+
+
+def test_a_moved_camera_is_blamed_and_one_of_two_is_not_told_apart() -> None:
+    features = seen()
+    turn = np.array([[1.0, 0, 0], [0, np.cos(0.03), -np.sin(0.03)], [0, np.sin(0.03), np.cos(0.03)]])
+    moved = replace(RIG["b"], rotation=turn @ RIG["b"].rotation, translation=turn @ RIG["b"].translation)
+    check = check_rig(RIG | {"b": moved}, features)
+    assert [camera.cameras for camera in check.moved] == [("b",)]
+    assert check.moved[0].shift_px == pytest.approx(9, abs=1.5)
+    assert not check.holds
+    pair = {"a": RIG["a"], "b": moved}
+    (both,) = check_rig(pair, {name: features[name] for name in pair}).moved
+    assert both.cameras == ("a", "b")

@@ -3,7 +3,7 @@
 import os
 import shutil
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import msgspec
 import numpy as np
@@ -333,3 +333,96 @@ def test_marks_a_board_and_the_ground_rescale() -> None:
         {"vertical": MARKS},
     ):
         assert CalibrateOptions(**options).rescales
+
+
+@pytest.fixture
+def judged(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
+    """A candidate of a board or of the images, the quality it has, and what was kept."""
+    parts: dict[str, Any] = {"calibration": calibration(RIG), "quality": "good", "kept": [], "board": None}
+    parts["errors"] = {"a": "its errors", "z": "of another camera"}
+
+    def refuse(quality: str, cameras: int, advice: str) -> None:
+        if quality == "bad":
+            raise BadInputError(f"{cameras} cameras, bad{advice}")
+
+    monkeypatch.setattr(
+        calibration_run,
+        "_candidate",
+        lambda scene, options: calibration_run._Candidate(
+            calibration=parts["calibration"], shared={}, board=parts["board"], errors=parts["errors"]
+        ),
+    )
+    monkeypatch.setattr(calibration_run, "judge_calibration", lambda views, shared: parts["quality"])
+    monkeypatch.setattr(calibration_run, "refuse_bad_calibration", refuse)
+    monkeypatch.setattr(calibration_run, "check_rig", lambda *_: parts["check"])
+    monkeypatch.setattr(
+        calibration_run, "_keep", lambda dataset, calibration: parts["kept"].append(calibration) or True
+    )
+    sound = CalibrationCheck(error_px=0.1, points=90, errors_px={}, unchecked=(), moved=(), holds=True)
+    parts["check"] = sound
+    return parts
+
+
+@pytest.mark.parametrize("source", CalibrationSource)
+def test_what_is_found_here_is_judged_by_its_own_points_and_kept(
+    bare: Session, tmp_path: Path, judged: dict[str, Any], source: CalibrationSource
+) -> None:
+    here = source in (CalibrationSource.SFM, CalibrationSource.BOARD, CalibrationSource.CHARUCO)
+    own = source is CalibrationSource.SESSION
+    session = copy_of(bare, tmp_path / "session")
+    result = calibrate(session, CalibrateOptions(source=source))
+    assert (result.stored, result.kept) == (not own, here)
+    assert (result.check is None) == (source is CalibrationSource.SFM)
+    assert cast("Any", result.errors) == {"a": "its errors"}
+    assert len(judged["kept"]) == here
+    refused = calibrate(session, CalibrateOptions(source=source, force=True, keep=False))
+    assert not refused.kept
+    assert calibrate(session, CalibrateOptions(source=source, force=True, keep=True)).kept
+    judged["quality"] = "bad"
+    if here or own:
+        with pytest.raises(BadInputError, match=r"^4 cameras, bad$"):
+            calibrate(session, CalibrateOptions(source=source, force=True))
+    else:
+        calibrate(session, CalibrateOptions(source=source, force=True))
+
+
+def test_a_board_is_believed_before_points_at_rest_but_for_its_lenses(
+    bare: Session, tmp_path: Path, judged: dict[str, Any]
+) -> None:
+    judged["check"] = msgspec.structs.replace(judged["check"], holds=False)
+    options = CalibrateOptions(source=CalibrationSource.BOARD, force=True)
+    session = copy_of(bare, tmp_path / "session")
+    with pytest.raises(BadInputError, match="does not hold for these pictures: no camera has moved"):
+        calibrate(session, options)
+    judged["board"] = "a board's coverage"
+    result = calibrate(session, options)
+    assert (result.board, result.check) == ("a board's coverage", None)
+    judged["check"] = msgspec.structs.replace(judged["check"], by_lenses="points say 300 px")
+    with pytest.raises(BadInputError, match="does not hold for these pictures: points say 300 px"):
+        calibrate(session, options)
+    # Where faults leave one camera, nothing is judged; where they leave two, the others are named.
+    odd = {
+        name: msgspec.structs.replace(camera, fx=-1.0) for name, camera in calibration(RIG).cameras.items()
+    }
+    good = calibration(RIG)
+    judged["calibration"] = msgspec.structs.replace(good, cameras=odd | {"a": good.cameras["a"]})
+    with pytest.raises(BadInputError, match="has 3 faults"):
+        calibrate(session, options)
+
+
+def test_a_camera_without_a_sound_calibration_is_left_out_and_named(
+    bare: Session, tmp_path: Path, judged: dict[str, Any], capsys: pytest.CaptureFixture[str]
+) -> None:
+    good = calibration(RIG)
+    odd = msgspec.structs.replace(good.cameras["b"], fx=-1.0)
+    judged["calibration"] = msgspec.structs.replace(good, cameras=good.cameras | {"b": odd})
+    result = calibrate(copy_of(bare, tmp_path / "session"), CalibrateOptions())
+    assert (result.cameras, result.missing) == (("a", "c", "d"), ("b",))
+    assert "b is left out: the calibration of camera b cannot be right" in capsys.readouterr().err
+    stored = Session.open(tmp_path / "session").calibration()
+    assert stored is not None
+    assert {*stored.cameras} == {"a", "c", "d"}
+    rescaled = CalibrateOptions(source=CalibrationSource.SESSION, distance=(MARKS, 1.0), force=True)
+    again = calibrate(tmp_path / "session", rescaled)
+    assert (again.stored, again.kept, again.unit) == (True, True, "m")
+    assert "scale from a distance of 1 m" in again.source

@@ -247,8 +247,7 @@ def _place_step(
     The image before a gap fits both delays, or the image before a repeated one.
     """
     (old, new), (begin, end) = offsets, between
-    gain = support[begin:end, old] - support[begin:end, new]
-    scores = np.cumsum(gain)[:-1]
+    scores = np.cumsum(support[begin:end, old] - support[begin:end, new])[:-1]
     possible, likely = (
         begin + 1 + np.flatnonzero(scores >= scores.max() - less)[[0, -1]] for less in (UNDECIDED, EQUAL)
     )

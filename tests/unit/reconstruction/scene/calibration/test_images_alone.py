@@ -11,6 +11,7 @@ import pytest
 
 from capture_app.common.errors import BadInputError, NotApplicableError
 from capture_app.session.format.calibration import Calibration
+from reconstruction.common.memory import limited_memory
 from reconstruction.common.native_libraries import ForeignError
 from reconstruction.scene.calibration import structure_from_motion
 from reconstruction.scene.calibration.consistency import GIVEN_ERROR
@@ -298,3 +299,20 @@ def test_global_mapping_is_followed_by_incremental_where_it_fails(
         assert failing.options.mapper.init_min_tri_angle == 4.0
     both = Colmap(fails=["calibrate_view_graph", "incremental_mapping"])
     assert solve(both, tmp_path, monkeypatch) is None
+
+
+def test_features_are_of_images_that_fit_the_memory_and_come_in_one_order() -> None:
+    def extraction(*sizes: tuple[int, int]) -> Any:
+        options = SimpleNamespace(eff_max_image_size=lambda: 3200, sift=SimpleNamespace())
+        colmap = SimpleNamespace(FeatureExtractionOptions=lambda: options)
+        return structure_from_motion._extraction(colmap, sizes)
+
+    plain = extraction((640, 480))
+    assert (plain.max_image_size, plain.num_threads, plain.sift.peak_threshold) == (3200, 1, 0.004)
+    with limited_memory(200 << 20):
+        assert extraction((640, 480)).max_image_size == 3200
+        small = extraction((640, 480), (1920, 1080)).max_image_size
+        # 220 bytes a pixel, in 60 % of the memory; larger images are reduced to COLMAP's limit before.
+        assert 220 * small**2 * 9 / 16 <= 0.6 * (200 << 20)
+        assert 320 < small < 1920
+        assert extraction((19200, 10800)).max_image_size == pytest.approx(small, rel=0.4)

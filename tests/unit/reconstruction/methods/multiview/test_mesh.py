@@ -223,3 +223,11 @@ def test_what_is_behind_the_place_it_is_drawn_from_is_not_drawn() -> None:
     assert drawn.sum() == 9
     assert picture[height // 2, width // 2].tolist() == [60, 50, 40]
     assert not (mesh._draw_points(points[2:], colours[2:], eye, middle, up) != picture[0, 0]).any()
+
+
+def test_a_folder_that_cannot_be_written_to_is_said(tmp_path: Path) -> None:
+    points = np.random.default_rng(1).normal(size=(9, 3)).astype(np.float32)
+    cloud = FusedCloud(points, points, np.zeros((9, 3), np.uint8), points > 0)
+    gone = tmp_path / "gone"
+    with pytest.raises(OSError, match="cannot write the cloud and the mesh into"):
+        build_mesh(cloud, gone, {}, {}, {}, unit="m", mesh=False)

@@ -170,6 +170,9 @@ def test_the_middle_camera_is_the_one_of_the_other_session(
         theirs.prepare()
     none = MultiviewStudy(Context(scene=ours.scene, options={"max_multiview_instants": 0}))
     assert (none.steps, bool(none.unasked()), ours.unasked()) == (0, True, "")
+    monkeypatch.setattr(theirs.shots, "problem", lambda camera, instant: "its image is dark")
+    with pytest.raises(ValueError, match="no instant has its pictures in both conditions"):
+        theirs.compare(LATE)
     # Without depth of the middle camera an instant counts for neither condition.
     match_truly(monkeypatch, Dataset(trio))
     monkeypatch.setattr(Multiview, "run", lambda *_: iter(()))

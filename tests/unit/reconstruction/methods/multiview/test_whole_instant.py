@@ -12,18 +12,20 @@ from capture_app.console.terminal import Progress
 from capture_app.session.exporting.point_cloud import read_ply
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.take_sheet import PAIR_DEPTH
-from reconstruction.common.geometry import Array
-from reconstruction.methods.multiview import sequence
+from reconstruction.common.geometry import Array, View
+from reconstruction.methods.multiview import instant_maps, instant_scoring, sequence
+from reconstruction.methods.multiview.fusion import FusedCloud
 from reconstruction.methods.multiview.input_images import InputImages, prepare_images, undistorted_truth
 from reconstruction.methods.multiview.instant_maps import match_instants
 from reconstruction.methods.multiview.instant_model import MadeMultiview
-from reconstruction.methods.multiview.instant_scoring import visible_points
+from reconstruction.methods.multiview.instant_scoring import score_moving, visible_points
 from reconstruction.methods.multiview.multiview_method import Multiview
-from reconstruction.methods.multiview.result import MultiviewResult
+from reconstruction.methods.multiview.result import MultiviewResult, SequenceInstant
 from reconstruction.methods.multiview.still_scene import StillScene
 from reconstruction.scene.conditions import SYNCHRONIZED, Condition
 from reconstruction.scene.dataset import Dataset
 from reconstruction.scene.scene import Scene
+from tests.unit.reconstruction.methods.multiview.conftest import VIEWS
 from tests.unit.reconstruction.methods.multiview.true_maps import match_truly
 
 QUICK = Multiview(instant=2, width=160, quick=True, mesh=False, workspace=False)
@@ -243,8 +245,9 @@ def test_a_sequence_leaves_out_an_instant_and_says_why(
     out = tmp_path / "out"
     match_truly(monkeypatch, Dataset(trio))
     monkeypatch.setattr(sequence, "write_recording", lambda file, *_: file.write_bytes(b"recording"))
+    progress = Steps(out)
     options = Multiview(
-        instants=(1, 4), width=160, without=("right",), whole=True, rrd=True, mesh=False, check=False
+        instants=(1, 4), width=160, without=("right",), rrd=True, mesh=False, check=False, progress=progress
     )
     late = Condition.parse("left=66")
     result = options.make([trio.folder], out, condition=late)
@@ -255,6 +258,7 @@ def test_a_sequence_leaves_out_an_instant_and_says_why(
     assert result.instants[0].movers_1cm is not None
     assert result.mover_f_score_1cm == result.instants[0].movers_1cm.f_score
     assert (out / "sequence.rrd").read_bytes() == b"recording"
+    assert progress.texts[-3:] == ["instant 1", "instant 4", "the recording"]
     with pytest.raises(BadInputError, match="no instant gave a cloud; instant 4: "):
         msgspec.structs.replace(options, instants=(4,)).make([trio.folder], tmp_path / "none", condition=late)
     assert not (tmp_path / "none").exists()
@@ -284,3 +288,89 @@ def test_each_instant_with_depth_is_given_and_the_others_are_passed_over(
     assert seen.moment["middle"].normals[5, 5].tolist() == [0, 0, -1]
     (sure,) = msgspec.structs.replace(QUICK, min_evidence=1.0).see(scene, SYNCHRONIZED)
     assert 0.1 < (sure.moment["left"].depth > 0).mean() < (seen.moment["left"].depth > 0).mean() == 1
+
+
+def test_maps_are_written_as_a_workspace_and_cameras_without_sources_say_why(
+    trio: Session, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out = tmp_path / "out"
+    match_truly(monkeypatch, Dataset(trio))
+    alone = {"left": ["middle"], "middle": ["left"], "right": []}
+    monkeypatch.setattr(instant_maps, "choose_source_views", lambda views, points, steps_ns: alone)
+    result = msgspec.structs.replace(QUICK, workspace=True, check=False).make([trio.folder], out)
+    assert [view.camera for view in result.views] == ["left", "middle"]
+    assert {*result.left_out} == {"right"}
+    assert result.left_out["right"].startswith("no other camera suits its depth: ")
+    assert result.files == ("fused.ply", "workspace", "multiview.json")
+    maps = sorted(path.name for path in (out / "workspace" / "stereo" / "depth_maps").iterdir())
+    assert maps == ["left.png.geometric.bin", "middle.png.geometric.bin"]
+    assert {path.name for path in (out / "workspace" / "images").iterdir()} == {"left.png", "middle.png"}
+    monkeypatch.setattr(
+        instant_maps, "choose_source_views", lambda views, points, steps_ns: dict.fromkeys(VIEWS, ())
+    )
+    with pytest.raises(BadInputError):
+        QUICK.make([trio.folder], tmp_path / "none")
+
+
+@pytest.mark.parametrize("whole", [False, True])
+def test_instants_share_what_stands_still_unless_each_is_matched_as_a_whole(
+    trio: Session, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, whole: bool
+) -> None:
+    scenes: list[StillScene] = []
+
+    def make(inputs: InputImages, still: StillScene, *_: object) -> SequenceInstant:
+        scenes.append(still)
+        return SequenceInstant(instant=len(scenes), leader_ns=0, cloud="clouds/1.ply")
+
+    monkeypatch.setattr(sequence, "_make", make)
+    monkeypatch.setattr(sequence, "write_masks", lambda motion, out, progress: out.mkdir())
+    options = Multiview(instants=(1, 2), width=160, whole=whole)
+    result = options.make([trio.folder], tmp_path / "out")
+    assert (result.clouds, len(scenes)) == (2, 2)
+    assert (scenes[0] is scenes[1]) != whole
+
+
+def test_a_cloud_is_scored_only_where_all_truth_is_known_and_something_moves(
+    trio: Session, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    dataset = Dataset(trio)
+    inputs = InputImages(Scene(dataset), 160)
+    images = {camera: inputs.image(camera, 2) for camera in VIEWS}
+    views = {camera: image.calibrated.view for camera, image in images.items()}
+    truth = {camera: undistorted_truth(dataset, inputs.views[camera], camera, 2) for camera in VIEWS}
+    assert None not in truth.values()
+    points = np.concatenate(
+        [views[c].unproject(views[c].grid(), depth[0].ravel()) for c, depth in truth.items() if depth]
+    ).astype(np.float32)
+    nothing = np.zeros((len(points), 3), np.float32)
+    cloud = FusedCloud(points, nothing, nothing, np.ones((len(points), 3), bool))
+    score = score_moving(dataset, images, "m", 2, cloud)
+    assert score is not None
+    assert score.recall == 1
+    assert (score.precision or 0) > 0.9
+    assert score_moving(dataset, images, "baseline", 2, cloud) is None
+    none = FusedCloud(points[:0], nothing[:0], nothing[:0], cloud.seen[:0])
+    empty = score_moving(dataset, images, "m", 2, none)
+    assert empty is not None
+    assert (empty.points, empty.precision, empty.recall) == (0, None, 0)
+
+    def changed(dataset: Dataset, view: View, camera: str, instant: int) -> tuple[Array, Array] | None:
+        found = undistorted_truth(dataset, view, camera, instant)
+        assert found is not None
+        return None if camera == lacking else (found[0], np.zeros_like(found[1]))
+
+    lacking = "right"
+    monkeypatch.setattr(instant_scoring, "undistorted_truth", changed)
+    assert score_moving(dataset, images, "m", 2, cloud) is None
+    lacking = ""
+    assert score_moving(dataset, images, "m", 2, cloud) is None
+
+
+def test_runs_of_one_width_share_images_and_a_known_calibration_is_taken(trio: Session) -> None:
+    scene = Scene(Dataset(trio))
+    first, second = InputImages(scene, 160), InputImages(scene, 160)
+    assert first.image("left", 1) is second.image("left", 1)
+    assert first.image("left", 1) is not InputImages(scene, 200).image("left", 1)
+    assert Multiview(calibrated=True).prepared(scene) is scene
+    with pytest.raises(BadInputError, match="nobody"):
+        Multiview(without=("nobody",)).prepared(scene)

@@ -6,11 +6,13 @@ from types import SimpleNamespace
 from typing import Any, cast
 
 import cv2
+import msgspec
 import numpy as np
 import pytest
 
 from capture_app.common.errors import BadInputError, NotApplicableError
 from capture_app.console.terminal import Progress
+from capture_app.session.format.calibration import Calibration, LensKnowledge
 from capture_app.session.reading.reader import Session
 from reconstruction.common.geometry import Array
 from reconstruction.scene import moving_pixels
@@ -263,3 +265,74 @@ def test_a_scene_of_another_calibration_or_motion_shares_its_images(boards: Sess
     assert smaller.scale_error == 0.1
     assert smaller.given is other.given
     assert smaller.dataset.size("left")[0] < 320
+
+
+def test_a_scene_without_a_calibration_guesses_one_or_says_why_not(
+    scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pair = {name: VIEWS[name] for name in ("left", "right")}
+    session = write_session(tmp_path, scene, pair, instants=2, truth=False, calibrated=False)
+    guesses: list[Any] = []
+
+    def guess(motion: SceneMotion) -> Calibration:
+        guesses.append(motion)
+        cameras = {name: view.to_calibration() for name, view in pair.items()}
+        return Calibration(cameras=cameras, unit="arbitrary", source="a guess")
+
+    monkeypatch.setattr("reconstruction.scene.scene.guess_calibration", guess)
+    guessed = OpenScene(Dataset(session))
+    assert (guessed.problem, guessed.source, guessed.unit) == ("", "a guess", "arbitrary")
+    assert {*guessed.views} == {*guessed.known_views} == {*pair}
+    assert (guessed.given, guessed.given_views, len(guesses)) == (None, {}, 1)
+    assert guesses[0] is guessed.motion
+
+    def refuse(motion: SceneMotion) -> Calibration:
+        raise BadInputError("none can be found")
+
+    monkeypatch.setattr("reconstruction.scene.scene.guess_calibration", refuse)
+    unknown = OpenScene(Dataset(session))
+    assert unknown.problem == "none can be found"
+    assert (unknown.source, unknown.unit, unknown.known_views, unknown.given_views) == ("none", "", {}, {})
+    assert unknown.lenses == LensKnowledge()
+    assert unknown.choose_stereo_pair(("left", "right"), 0) == PairChoice(
+        None, "camera left has no calibration"
+    )
+    with pytest.raises(BadInputError, match="none can be found"):
+        unknown.views  # noqa: B018
+
+
+@pytest.mark.parametrize(
+    ("level", "why", "origin", "confirms", "wrong", "expected"),
+    [
+        ("not", "a guess", "captured", False, "", ("not", "a guess")),
+        ("well", "", "simulated", False, "", ("well", "")),
+        ("well", "", "captured", True, "", ("well", "")),
+        (
+            "well",
+            "",
+            "captured",
+            False,
+            "",
+            ("roughly", "these pictures do not confirm those that were given"),
+        ),
+        ("roughly", "off by 3 %", "captured", False, "", ("roughly", "off by 3 %")),
+        ("well", "", "simulated", True, "points say 300 px", ("not", "points say 300 px")),
+    ],
+)
+def test_given_lenses_are_known_as_points_at_rest_confirm_them(
+    boards: Session,
+    monkeypatch: pytest.MonkeyPatch,
+    level: Any,
+    why: str,
+    origin: Any,
+    confirms: bool,
+    wrong: str,
+    expected: tuple[str, str],
+) -> None:
+    manifest = msgspec.structs.replace(boards.manifest, origin=origin)
+    scene = OpenScene(Dataset(Session(boards.folder, manifest)))
+    known = msgspec.structs.replace(scene.calibration, lenses=LensKnowledge(level=level, why=why))
+    given = scene.calibrated(known)
+    check = SimpleNamespace(by_lenses=wrong, confirms_lenses=confirms)
+    monkeypatch.setattr(OpenScene, "check", check)
+    assert (given.lenses.level, given.lenses.why) == expected

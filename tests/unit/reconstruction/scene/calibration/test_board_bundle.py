@@ -9,7 +9,7 @@ import pytest
 from capture_app.board.boards import DEFAULT_BOARD
 from capture_app.session.format.lens import Lens
 from reconstruction.common.geometry import Array, View, other_from_reference
-from reconstruction.scene.calibration.board_bundle import Sightings, _borne_terms, adjust_bundle
+from reconstruction.scene.calibration.board_bundle import Adjustment, Sightings, _borne_terms, adjust_bundle
 from reconstruction.scene.calibration.board_calibration import calibrate_lens
 from tests.unit.reconstruction.conftest import HEIGHT, WIDTH, make_view
 
@@ -153,3 +153,43 @@ def test_what_a_term_that_is_left_out_had_explained_goes_to_the_others() -> None
     # A fisheye's terms are left out from the last one on, up to the first that is clear.
     bent = np.array([140.0, 140, 160, 120, 50, 40, 60, 0.1, 0])
     assert _borne_terms(True, frozenset(range(8)), bent, covariance, 4.0)[0] == frozenset(range(7))
+
+
+def test_the_gradient_is_that_of_the_loss_with_what_lenses_are_like() -> None:
+    seen = sightings(0.3)
+    bundle = Adjustment(RIG, seen, dict.fromkeys(RIG, frozenset(range(9))), 0.3)
+    values = bundle.start()
+    values[bundle.free] *= 1 + 1e-4 * np.random.default_rng(1).normal(size=int(bundle.free.sum()))
+    loss, normal, gradient = bundle._linearize(values)
+    assert np.isfinite(loss)
+    assert normal == pytest.approx(normal.T)
+    for place in (0, 3, 5, 8, 10, 15, 16, 25, 28, len(values) - 1):
+        step = np.zeros(len(values))
+        step[place] = max(1e-6, 1e-6 * abs(values[place]))
+        slope = (bundle._linearize(values + step)[0] - bundle._linearize(values - step)[0]) / (
+            2 * step[place]
+        )
+        if bundle.free[place]:
+            assert gradient[place] == pytest.approx(slope, rel=1e-2, abs=1e-3 * abs(gradient).max()), place
+        else:
+            assert gradient[place] == 0
+    # The first camera's pose is the rig's, and corners that were misread count less.
+    assert not bundle.free[9:15].any()
+    assert bundle.free[24:30].all()
+
+
+def test_errors_are_those_of_the_terms_that_were_fitted(monkeypatch: pytest.MonkeyPatch) -> None:
+    """With those terms known exactly, what is left of an error is the change by the terms left out."""
+    plain = adjust_bundle(RIG, sightings(0.3)).errors
+    covariance, calls = Adjustment.covariance, list[int]()
+
+    def known(self: Adjustment, values: np.ndarray) -> np.ndarray:
+        calls.append(len(values))
+        return covariance(self, values) * (1.0 if len(calls) % 2 else 0.0)
+
+    monkeypatch.setattr(Adjustment, "covariance", known)
+    exact = adjust_bundle(RIG, sightings(0.3)).errors
+    assert len(calls) % 2 == 0
+    for name in RIG:
+        assert exact[name].focal_percent < 0.8 * plain[name].focal_percent
+        assert exact[name].focal_percent > 0

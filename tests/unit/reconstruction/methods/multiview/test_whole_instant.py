@@ -1,5 +1,6 @@
 """An instant and a sequence of maps that are all true, or wrong where the test says: files and scores."""
 
+import shutil
 from pathlib import Path
 
 import cv2
@@ -10,6 +11,7 @@ import pytest
 from capture_app.common.errors import BadInputError, NotApplicableError
 from capture_app.console.terminal import Progress
 from capture_app.session.exporting.point_cloud import read_ply
+from capture_app.session.format.calibration import Calibration
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.take_sheet import PAIR_DEPTH
 from reconstruction.common.geometry import Array, View
@@ -24,6 +26,7 @@ from reconstruction.methods.multiview.result import MultiviewResult, SequenceIns
 from reconstruction.methods.multiview.still_scene import StillScene
 from reconstruction.scene.conditions import SYNCHRONIZED, Condition
 from reconstruction.scene.dataset import Dataset
+from reconstruction.scene.moving_pixels import SceneMotion
 from reconstruction.scene.scene import Scene
 from tests.unit.reconstruction.methods.multiview.conftest import VIEWS
 from tests.unit.reconstruction.methods.multiview.true_maps import match_truly
@@ -374,3 +377,27 @@ def test_runs_of_one_width_share_images_and_a_known_calibration_is_taken(trio: S
     assert Multiview(calibrated=True).prepared(scene) is scene
     with pytest.raises(BadInputError, match="nobody"):
         Multiview(without=("nobody",)).prepared(scene)
+
+
+def test_runs_to_one_folder_share_the_calibration_that_was_guessed(
+    trio: Session, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    session, out = tmp_path / "bare", tmp_path / "out"
+    shutil.copytree(trio.folder, session)
+    (session / "calibration.json").unlink()
+    known, guesses = trio.calibration(), list[SceneMotion]()
+    assert known is not None
+
+    def guess(motion: SceneMotion) -> Calibration:
+        guesses.append(motion)
+        return msgspec.structs.replace(known, source="a guess")
+
+    monkeypatch.setattr("reconstruction.scene.scene.guess_calibration", guess)
+    match_truly(monkeypatch, Dataset(trio))
+    options = Multiview(instants=(1,), width=160, quick=True, without=("right",))
+    first = options.make([session], out)
+    assert (first.calibration, len(guesses)) == ("a guess", 1)
+    stored = msgspec.json.decode((out / "calibration.json").read_bytes(), type=Calibration)
+    assert stored.cameras == known.cameras
+    again = msgspec.structs.replace(options, instants=(2,)).make([session], out)
+    assert (again.calibration, len(guesses)) == ("a guess", 1)

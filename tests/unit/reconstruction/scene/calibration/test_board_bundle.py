@@ -1,16 +1,20 @@
 """Bundle adjustment over boards: what pairs got wrong is mended, and misread corners do no harm."""
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 
 from capture_app.board.boards import DEFAULT_BOARD
+from capture_app.common.errors import BadInputError
 from capture_app.session.format.lens import Lens
 from reconstruction.common.geometry import Array, View, other_from_reference
+from reconstruction.scene.calibration import board_calibration
 from reconstruction.scene.calibration.board_bundle import Adjustment, Sightings, _borne_terms, adjust_bundle
-from reconstruction.scene.calibration.board_calibration import calibrate_lens
+from reconstruction.scene.calibration.board_calibration import calibrate_from_board, calibrate_lens
 from tests.unit.reconstruction.conftest import HEIGHT, WIDTH, make_view
 
 RIG = {
@@ -193,3 +197,56 @@ def test_errors_are_those_of_the_terms_that_were_fitted(monkeypatch: pytest.Monk
     for name in RIG:
         assert exact[name].focal_percent < 0.8 * plain[name].focal_percent
         assert exact[name].focal_percent > 0
+
+
+def corners_of(seen: Sightings) -> dict[tuple[str, int], dict[int, np.ndarray]]:
+    """The corners by their numbers, as a detector finds them."""
+    numbers = {tuple(place): number for number, place in enumerate(PLACES)}
+    return {
+        key: {numbers[tuple(place)]: at for place, at in zip(places, pixels, strict=True)}
+        for key, (places, pixels) in seen.items()
+    }
+
+
+def test_known_lenses_stay_and_the_rig_is_chained_from_its_first_camera(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    dataset: Any = SimpleNamespace(name="rig", cameras=tuple(RIG), size=lambda name: (WIDTH, HEIGHT))
+    corners = corners_of(sightings(0.05))
+    lenses = {name: view.lens for name, view in RIG.items()}
+    calibration, errors_by_camera = calibrate_from_board(dataset, DEFAULT_BOARD, corners, lenses)
+    assert calibration.unit == "m"
+    assert calibration.source == (
+        f"ChArUco board in {len(corners)} images of rig, lenses of a, b, c from recordings of their own"
+    )
+    assert calibration.known_lenses.level == "well"
+    for name, view in RIG.items():
+        found = View.from_calibration(calibration.cameras[name], WIDTH, HEIGHT)
+        assert found.focal == pytest.approx(view.focal)
+        assert errors({**RIG, name: found}, name) == pytest.approx((0, 0, 0), abs=1.0)
+        assert 15 < (calibration.cameras[name].seen_deg or 0) < 40
+        assert errors_by_camera[name].focal_percent == 0
+    assert "the board moved" not in capsys.readouterr().err
+    # A camera whose lens is not known is calibrated by its own corners, in the order of moments.
+    asked: list[Any] = []
+
+    def calibrated(name: str, size: Any, board: Any, seen: Any, model: Any) -> Lens:
+        asked.append((name, size, len(seen), model.name))
+        return lenses[name]
+
+    monkeypatch.setattr(board_calibration, "calibrate_lens", calibrated)
+    bundle = SimpleNamespace(
+        views=RIG, errors={name: SimpleNamespace(focal_percent=3.0) for name in RIG}, rms_px=0.9, apart_px=0.2
+    )
+    monkeypatch.setattr(board_calibration, "adjust_bundle", lambda views, seen, kept: bundle)
+    some = {"a": lenses["a"], "b": lenses["b"]}
+    calibration, _ = calibrate_from_board(dataset, DEFAULT_BOARD, corners, some)
+    boards = sum(name == "c" for name, _ in corners)
+    assert asked == [("c", (WIDTH, HEIGHT), boards, "AUTO")]
+    assert calibration.known_lenses.level == "roughly"
+    assert "off by up to 3 to 3 % (95 %)" in calibration.source
+    said = capsys.readouterr().err
+    assert "corners fit all cameras together within 0.90 px, each alone within 0.20 px: the board" in said
+    lonely = {key: seen for key, seen in corners.items() if key[0] != "c" or key[1] < 1}
+    with pytest.raises(BadInputError, match=r"c and \w show the board together at 1 instant"):
+        calibrate_from_board(dataset, DEFAULT_BOARD, lonely, lenses)

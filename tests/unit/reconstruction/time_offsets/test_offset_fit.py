@@ -1,6 +1,7 @@
 """What crossings of epipolar lines agree on, among wrong matches and with a calibration that is off."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ from msgspec import structs
 
 from reconstruction.method.timing import judge_timing
 from reconstruction.report.findings import sentences
+from reconstruction.time_offsets import crossings as crossings_module
 from reconstruction.time_offsets.crossings import (
     Crossings,
     InstantOffset,
@@ -408,3 +410,26 @@ def test_a_geometry_that_moves_more_than_its_prior_is_less_certain() -> None:
     assert abs(loud.geometry[0]) > 8
     sds = [np.sqrt(np.linalg.inv(fit.normal)[place, place]) for fit in (quiet, loud)]
     assert sds[1] > 1.3 * sds[0]
+
+
+def test_one_offset_of_all_rows_is_fitted_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A fit takes most of a pair's time; only rows with offsets of their own need further ones."""
+    fit, rows_left = crossings_module._fit_offset, [0.0]
+    calls: list[int] = []
+
+    def fitted(*given: Any) -> OffsetFit:
+        calls.append(len(calls))
+        return replace(fit(*given), rows_ms=rows_left[min(len(calls), len(rows_left)) - 1])
+
+    monkeypatch.setattr(crossings_module, "_fit_offset", fitted)
+    steady = crossings(5.0)
+    assert fit_offset(steady, NOTHING_STILL, PERIOD_MS).rows_ms == 0
+    assert len(calls) == 1
+    calls.clear()
+    rows_left = [3.0, 1.0, 0.0]
+    assert fit_offset(steady, NOTHING_STILL, PERIOD_MS).rows_ms == 4
+    assert len(calls) == 3
+    calls.clear()
+    rows_left = [1.0]
+    assert fit_offset(steady, NOTHING_STILL, PERIOD_MS).rows_ms == 4
+    assert len(calls) == 4

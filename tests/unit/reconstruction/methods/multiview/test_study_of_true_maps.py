@@ -82,6 +82,7 @@ def test_true_maps_of_late_images_differ_where_something_moves(
 def test_pictures_and_clouds_show_the_instant_with_the_most_motion(
     trio: Session, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    pytest.importorskip("pycolmap", reason="pycolmap has no package for this machine")
     match_truly(monkeypatch, Dataset(trio))
     study = prepared(trio, instants=1)
     result = study.compare(Condition.parse("left=33"), tmp_path)

@@ -74,6 +74,9 @@ def test_recordings_that_begin_at_other_times_are_compared_by_their_times() -> N
 def test_few_images_tell_no_offset() -> None:
     assert len(rough_offsets_ms(activity(images=60), activity(images=30), PERIOD_MS)) > 0
     assert rough_offsets_ms(activity(images=60), activity(images=7), PERIOD_MS) == []
+    slower = activity(images=40, motion=lambda ms: np.asarray(np.exp(-ms / 500)))
+    faster = activity(images=40, motion=lambda ms: np.asarray(np.exp(ms / 500)))
+    assert rough_offsets_ms(slower, faster, PERIOD_MS) == []
     # Over at least a second: ends that are alike for less are no match.
     late = activity(images=40)
     assert all(abs(ms) <= PERIOD_MS * 40 - 1e3 for ms in rough_offsets_ms(late, late, PERIOD_MS))

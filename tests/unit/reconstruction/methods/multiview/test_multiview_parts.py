@@ -26,7 +26,8 @@ from reconstruction.methods.multiview.result import MultiviewResult, SequenceIns
 from reconstruction.methods.multiview.sweep_matcher import ViewDepth
 from reconstruction.scene.dataset import Dataset
 from reconstruction.scene.scene import Scene
-from tests.unit.reconstruction.conftest import make_view
+from tests.unit.reconstruction.conftest import Scene as Drawn
+from tests.unit.reconstruction.conftest import make_view, write_session
 from tests.unit.reconstruction.depth.small_views import PLACES, photo_of, view_at
 from tests.unit.reconstruction.methods.multiview.conftest import VIEWS
 
@@ -314,3 +315,10 @@ def test_views_that_are_straight_have_nothing_outside() -> None:
     plain: View = VIEWS["left"].undistorted
     photo = np.asarray(np.random.default_rng(1).integers(0, 255, (240, 320, 3)), np.uint8)
     assert not undistort_image("left", 0, photo, plain).outside.any()
+
+
+def test_in_a_single_image_nothing_is_known_to_move(scene: Drawn, tmp_path: Path) -> None:
+    for instants in (1, 2):
+        session = write_session(tmp_path / f"{instants}", scene, {"left": VIEWS["left"]}, instants=instants)
+        moving = InputImages(Scene(Dataset(session))).image("left", 0).calibrated.moving
+        assert (moving is None) == (instants == 1)

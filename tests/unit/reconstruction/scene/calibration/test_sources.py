@@ -20,6 +20,7 @@ from reconstruction.scene.calibration.consistency import CalibrationCheck
 from reconstruction.scene.calibration.stored import (
     camera_modes,
     describe_check,
+    find_calibration,
     find_rig_views,
     keep_calibration,
     known_calibration,
@@ -121,6 +122,10 @@ def test_a_board_in_the_scene_or_on_the_ground_sets_unit_and_world(
 
     monkeypatch.setattr(calibration_run, "detect_board", detected)
     corners = board.corners(metre, facing)
+    # Some corners are hidden from one of the two.
+    for k in (0, 1):
+        for number in (0, 7, 13):
+            del corners["d", k][number]
     found = rescaled(bare, scale_by_board=True, board=board)
     assert (found.unit, found.source) == ("m", "a board; scale from a board, at 2 instants")
     assert found.cameras["d"].translation == pytest.approx(tuple(metre * RIG["d"].translation), rel=0.01)
@@ -301,6 +306,17 @@ def test_a_running_rig_has_the_views_of_its_newest_session_that_fits(bare: Sessi
     keep_calibration(dataset, msgspec.structs.replace(kept, cameras=kept.cameras | {"b": odd}))
     assert sorted(find_rig_views(modes, None)[0]) == ["a", "c", "d"]
     assert sorted(find_rig_views(modes, folder)[0]) == ["a", "b", "d"]
+
+
+def test_a_kept_calibration_fits_half_of_a_rigs_cameras_or_is_not_this_rigs(bare: Session) -> None:
+    keep_calibration(Dataset(bare), calibration(RIG))
+    modes = camera_modes(Dataset(bare))
+    for others, fits in ((4, True), (5, False)):
+        larger = modes | {f"other{k}": modes["a"] for k in range(others)}
+        assert (find_calibration(larger) is not None) == fits
+    pair = {name: modes[name] for name in "ab"}
+    assert find_calibration(pair) is not None
+    assert find_calibration({"a": modes["a"], "other": modes["a"]}) is None
 
 
 def test_an_import_adopts_no_calibration_of_a_rig(bare: Session, tmp_path: Path) -> None:

@@ -8,9 +8,11 @@ import msgspec
 import numpy as np
 import pytest
 
+from capture_app.common.errors import NotAvailableError
 from capture_app.session.exporting.point_cloud import read_ply
 from capture_app.session.reading.reader import Session
 from reconstruction.common.geometry import Array
+from reconstruction.common.matchers import Matcher
 from reconstruction.method.score import Context
 from reconstruction.method.study_result import StudyResult
 from reconstruction.methods.multiview import multiview_study
@@ -271,3 +273,13 @@ def test_what_moves_is_undistorted_and_widened(trio: Session) -> None:
     images, left_out = inputs.usable({"left": 1, "right": 9, "middle": 0})
     assert ([*images], left_out) == (["left", "middle"], {"right": "it has no image of instant 9"})
     assert inputs.problem("left", 1) == ""
+
+
+def test_a_matcher_that_this_machine_has_not_is_refused_before_anything_is_compared(
+    trio: Session, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PATH", str(tmp_path))
+    multiview(trio).check()
+    multiview(trio, matcher=Matcher.SWEEP).check()
+    with pytest.raises(NotAvailableError, match="this machine has none"):
+        multiview(trio, matcher=Matcher.PATCHMATCH).check()

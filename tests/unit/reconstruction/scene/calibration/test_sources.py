@@ -442,3 +442,15 @@ def test_a_camera_without_a_sound_calibration_is_left_out_and_named(
     again = calibrate(tmp_path / "session", rescaled)
     assert (again.stored, again.kept, again.unit) == (True, True, "m")
     assert "scale from a distance of 1 m" in again.source
+
+
+def test_a_kept_calibration_that_is_used_says_from_when_and_how_it_fits(
+    bare: Session, capsys: pytest.CaptureFixture[str]
+) -> None:
+    keep_calibration(Dataset(bare), calibration(RIG))
+    given = OpenScene(Dataset(bare)).given
+    assert given is not None
+    assert given.source.startswith("a board, kept from boards of ")
+    said = capsys.readouterr().err
+    assert "calibration kept from boards of " in said
+    assert "no camera has moved (points at rest fit within " in said

@@ -21,7 +21,7 @@ from capture_app.console.terminal import json_option, log_line, print_json_line,
 from capture_app.console.usage import examples
 
 if TYPE_CHECKING:
-    from capture_app.node.relay_node import RelayOptions
+    from capture_app.node.endpoint import PortOptions
 
 
 @click.command(epilog=examples("capture-app relay 192.168.1.20 --name gate"))
@@ -50,29 +50,27 @@ def relay(
     leader. `status` and `burst` accept its address, too. If no leader answers, it keeps time by itself
     (holdover).
     """
-    from capture_app.node.relay_node import RelayOptions
+    from capture_app.node.endpoint import PortOptions
     from capture_app.protocol.log import Log
 
     make_known(parents, pin, code)
-    options = RelayOptions(
-        name=name,
-        parents=parents,
+    options = PortOptions(
         host=host,
         port=port,
         clock=parse_clock(clock_text, node=name),
         log=Log(lambda line: log_line(f"{name}: {line}")),
     )
-    run_until_stopped(_run_relay(options, as_json))
+    run_until_stopped(_run_relay(name, parents, options, as_json))
 
 
-async def _run_relay(options: "RelayOptions", as_json: bool) -> None:
+async def _run_relay(name: str, parents: tuple[Address, ...], options: "PortOptions", as_json: bool) -> None:
     from capture_app.node.relay_node import RelayNode
 
     async with (
-        await RelayNode.start(options) as node,
-        node.announced(name=options.name),
+        await RelayNode.start(name, parents, options) as node,
+        node.announced(name=name),
     ):
-        talk(f"relay at {node.address}, below {', or '.join(map(str, options.parents))}")
+        talk(f"relay at {node.address}, below {', or '.join(map(str, parents))}")
         talk(f"join with: capture-app node --leader {node.address} --camera SPEC")
         if node.also:
             talk(f"or at {', '.join(map(str, node.also))}, whichever the nodes can reach")
@@ -80,7 +78,7 @@ async def _run_relay(options: "RelayOptions", as_json: bool) -> None:
             print_json_line(
                 {
                     "event": "listening",
-                    "name": options.name,
+                    "name": name,
                     "relay": str(node.address),
                     "port": node.address.port,
                 }

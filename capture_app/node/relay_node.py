@@ -3,7 +3,7 @@
 import asyncio
 import random
 import secrets
-from dataclasses import dataclass
+from collections.abc import Sequence
 from socket import socket
 from typing import Any, Self
 
@@ -45,28 +45,26 @@ from capture_app.trust.sealed_engines import SealedRelay
 from capture_app.trust.trust import ANYBODY
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RelayOptions(PortOptions):
-    """Options of a relay."""
-
-    name: str
-    parents: tuple[Address, ...]
-    """Leaders or relays of one rig, tried in turn, best first."""
-
-
 class RelayNode(PortEndpoint):
-    """A running relay: `async with await RelayNode.start(options)` serves until the block ends.
+    """A running relay; `async with await RelayNode.start(...)` serves until the block ends.
 
     Streams of its nodes are forwarded to the leader byte by byte, through any number of relays. An image is
     safe when the root says so. A stream that breaks off is resumed between the node and the root.
     """
 
-    def __init__(self, options: RelayOptions, engine: Relay, bound: tuple[socket, socket]) -> None:
+    def __init__(
+        self,
+        name: str,
+        parents: Sequence[Address],
+        options: PortOptions,
+        engine: Relay,
+        bound: tuple[socket, socket],
+    ) -> None:
         """Assemble the parts for a bound port; call `start` instead."""
         sealed = SealedRelay(engine)
         super().__init__(options, engine, sealed, bound, self._drain)
-        self._joining = self.join(engine.member, sealed.leader_keys, options.parents, is_relay=True)
-        self.options, self._engine = options, engine
+        self._joining = self.join(engine.member, sealed.leader_keys, parents, is_relay=True)
+        self.name, self.options, self._engine = name, options, engine
         self.log.title_of = engine.leader.roster.title
         # The relay cannot know which of its networks its nodes are on.
         hosts = own_hosts(bound[1].family) if options.host in ANY_HOST else []
@@ -78,14 +76,14 @@ class RelayNode(PortEndpoint):
         self._tasks: list[asyncio.Task[None]] = []
 
     @classmethod
-    async def start(cls, options: RelayOptions) -> Self:
-        """Bind, and join the parents.
+    async def start(cls, name: str, parents: Sequence[Address], options: PortOptions) -> Self:
+        """Bind, and join the parents: leaders or relays of one rig, tried in turn, best first.
 
         Raises NetworkError where the port is in use, or a parent's host has no address or none reachable from
         the host to listen on; DiskError or BadInputError where this machine's key is not available.
         """
         options.trust.server_context()
-        addresses = [await resolve(parent) for parent in options.parents]
+        addresses = [await resolve(parent) for parent in parents]
         bound = bind_port(options.host, options.port)
         if any(family != bound[0].family for family, _ in addresses):
             for sock in bound:
@@ -97,11 +95,11 @@ class RelayNode(PortEndpoint):
         peers = tuple((peer.host, peer.port) for _, peer in addresses)
         instance, rng = secrets.randbits(32), random.Random(secrets.randbits(64))
         engine = Relay(
-            TreeMember(options.name, instance, peers, rng, OF_CAMERAS),
+            TreeMember(name, instance, peers, rng, OF_CAMERAS),
             LeaderConfig(instance, transfer_port=bound[1].getsockname()[1]),
             rng,
         )
-        relay = cls(options, engine, bound)
+        relay = cls(name, parents, options, engine, bound)
         await relay.start_serving(relay._serve)
         relay._tasks = [asyncio.create_task(relay._joining.run())]
         return relay
@@ -124,7 +122,7 @@ class RelayNode(PortEndpoint):
         return RigStatus(
             leader=str(self.address),
             is_open=self.options.trust.is_open,
-            relay=self.options.name,
+            relay=self.name,
             message="; ".join(filter(None, (message, words))),
             further=further,
             advice=message or rig_advice(nodes, str(self.address), now_ns),
@@ -215,8 +213,8 @@ class RelayNode(PortEndpoint):
         if self._engine.member.time.is_member:
             return ""
         if (time_map := self._engine.member.time.time_map) is None or self._lost_ns is None:
-            return f"relay {self.options.name} has not found a leader yet"
+            return f"relay {self.name} has not found a leader yet"
         return (
-            f"relay {self.options.name} lost its leader {(now_ns - self._lost_ns) / 1e9:.0f} s ago and is in"
+            f"relay {self.name} lost its leader {(now_ns - self._lost_ns) / 1e9:.0f} s ago and is in"
             f" holdover, accurate to {duration(time_map.uncertainty_at(now_ns))}"
         )

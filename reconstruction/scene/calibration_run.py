@@ -244,7 +244,7 @@ def _from_board(dataset: Dataset, options: CalibrateOptions) -> _Candidate:
     board, recordings = options.board, open_recordings(dataset, options.recordings)
     if not (corners := detect_board(recordings, board)):
         _refuse_other_board(recordings[0], board)
-    if isinstance(board, Checkerboard) and board.is_ambiguous and len(dataset.cameras) > 1:
+    if isinstance(board, Checkerboard) and board.is_ambiguous:
         talk(
             f"a checkerboard of {board.shape} squares looks the same upside down: it is taken to be held the "
             "same way up in all cameras' pictures (one with an odd and an even side can be held in any way)"

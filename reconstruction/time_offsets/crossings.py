@@ -157,8 +157,7 @@ def find_crossings(
     a, b = paths
     later, earlier = _crossed(views, a, b), _crossed(views[::-1], b, a)
     offset_ms, across = (np.concatenate([late, -other]) for late, other in zip(later, earlier, strict=True))
-    if not (good := np.isfinite(offset_ms)).any():
-        return Crossings.join(())
+    good = np.isfinite(offset_ms)
     at_a, at_b, counts, shared_px = (
         np.concatenate([part, part])[good] for part in (a[0][1], b[0][1], counts, shared_px)
     )

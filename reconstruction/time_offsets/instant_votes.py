@@ -187,14 +187,9 @@ def count_votes(instant: Array, offset_ms: Array, across_px_per_ms: Array, count
 
 def find_change(votes: Votes, period_ms: float) -> Change:
     """Return the change of the offset that explains the instants' votes best, if one offset does not."""
-    if len(votes.instants) < 2:
-        return UNCHANGED
     support = _support(votes, period_ms)
-    steady = float(support.sum(0).max())
     stepped, steps = _best_steps(votes, support, period_ms)
     sloped, drift = _best_drift(votes, support, period_ms)
-    if max(stepped, sloped - CHANGE_COST) <= steady:
-        return UNCHANGED
     if stepped >= sloped - CHANGE_COST:
         return Change(steps=steps)
     return Change(drift=drift, pivot=float(np.mean(votes.instants[[0, -1]])))
@@ -252,8 +247,7 @@ def _place_step(
     The image before a gap fits both delays, or the image before a repeated one.
     """
     (old, new), (begin, end) = offsets, between
-    gain = support[begin:end, old] - support[begin:end, new]
-    scores = np.cumsum(gain)[:-1]
+    scores = np.cumsum(support[begin:end, old] - support[begin:end, new])[:-1]
     possible, likely = (
         begin + 1 + np.flatnonzero(scores >= scores.max() - less)[[0, -1]] for less in (UNDECIDED, EQUAL)
     )

@@ -212,7 +212,7 @@ def find_edge_time(edge: BlinkEdge, ramp: Ramp) -> EdgeTime | None:
         half_width /= STEPS / 6
     part = (edge.times_ms - at) / width_ms + 0.5
     inside = (part > 0) & (part < 1)
-    if inside.sum() < MIN_ROWS or np.unique(np.floor(part[inside] * 20)).size / 20 < COVERED:
+    if np.unique(np.floor(part[inside] * 20)).size / 20 < COVERED:
         return None
     miss = (edge.level(part, ramp) - edge.lit)[inside]
     if (residual := float(np.sqrt(np.mean(np.clip(miss, -0.4, 0.4) ** 2)))) > MAX_RESIDUAL:

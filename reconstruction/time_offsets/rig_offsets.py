@@ -175,10 +175,11 @@ def with_own_changes(cameras: Mapping[str, CameraTime]) -> dict[str, CameraTime]
     own = {
         name: (camera.change or UNCHANGED).followed_by(first.reversed()) or None
         for name, camera in cameras.items()
+        if camera.offset_ms is not None
     }
     if sum(change is not None for change in own.values()) > 1:
         return dict(cameras)
-    return {name: structs.replace(camera, change=own[name]) for name, camera in cameras.items()}
+    return {name: structs.replace(camera, change=own.get(name)) for name, camera in cameras.items()}
 
 
 def joined_to(reference: str, pairs: Collection[Pair]) -> set[str]:

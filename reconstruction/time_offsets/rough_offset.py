@@ -96,8 +96,6 @@ def _evenly(activity: Activity, step_ms: float) -> Array:
 def _correlation(a: Array, b: Array, lag: int) -> tuple[float, int]:
     """Return the correlation of the overlap when b begins `lag` steps after a, and its length."""
     begin, end = max(0, lag), min(len(a), lag + len(b))
-    if end - begin < 2:
-        return -1.0, 1
     x, y = a[begin:end], b[begin - lag : end - lag]
     x, y = x - x.mean(), y - y.mean()
     size = float(np.linalg.norm(x) * np.linalg.norm(y))

@@ -106,8 +106,7 @@ def _changes(dataset: Dataset, camera: str) -> dict[int, float]:
     """Return how much images differ from the ones before, relative to the median."""
     known = dataset.instants(camera)
     # In six parts of the take, four instants to either side of each middle.
-    middles = evenly_spaced(known, 6)
-    near = {k for middle in middles for k in range(middle - 4, middle + 5)}
+    near = {k for middle in evenly_spaced(known, 6) for k in range(middle - 4, middle + 5)}
     blurred = dict[int, Array]()
     for k in sorted(near.intersection(known)):
         if dataset.has_image(camera, k):

@@ -14,10 +14,11 @@ from capture_app.common.errors import SimulshotError
 from capture_app.common.stagger import Stagger
 from capture_app.node.camera.camera_node import CameraNode
 from capture_app.node.camera.supervisor import NodeOptions
+from capture_app.node.endpoint import PortOptions
 from capture_app.node.leader.leader_node import LeaderNode
 from capture_app.node.leader.leader_options import LeaderOptions
 from capture_app.node.leader.standby import lead_by_rank
-from capture_app.node.relay_node import RelayNode, RelayOptions
+from capture_app.node.relay_node import RelayNode
 from capture_app.protocol.log import Log
 from capture_app.protocol.status import BurstStatus, RigStatus
 from capture_app.rig.rig_link import LinkLost, RigLink, ask_status
@@ -262,16 +263,14 @@ class VirtualRig:
         await self.nodes[name].run()
 
     async def _relay(self) -> None:
-        options = RelayOptions(
-            name="relay",
-            parents=self._leaders,
+        options = PortOptions(
             host=self.world.network.host("relay"),
             port=PORT,
             trust=Trust.open(),
             clock=self.clocks["relay"],
             log=self._log("relay"),
         )
-        async with await RelayNode.start(options):
+        async with await RelayNode.start("relay", self._leaders, options):
             await asyncio.Event().wait()
 
     def _start(self, name: str) -> None:

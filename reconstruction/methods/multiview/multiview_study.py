@@ -221,8 +221,7 @@ class MultiviewStudy(Score):
         instants = self._instants(condition)
         late = condition.kept_at(self.reference)
         with worker_pool(AT_A_TIME) as pool:
-            both = pool.map(self._results, [instants] * 2, (SYNCHRONIZED, late), CONDITIONS)
-            synced, offset = both
+            synced, offset = pool.map(self._results, [instants] * 2, (SYNCHRONIZED, late), CONDITIONS)
         if not (
             instants := [moment for moment in instants if moment.instant in synced.keys() & offset.keys()]
         ):

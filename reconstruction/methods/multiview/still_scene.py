@@ -79,8 +79,7 @@ def _moving(image: CalibratedImage) -> Array:
 
 def _wider(mask: Array, radius_px: int) -> Array:
     side = 2 * radius_px + 1
-    wide = cv2.dilate(mask.astype(np.uint8), np.ones((side, side), np.uint8))
-    return np.asarray(wide > 0)
+    return np.asarray(cv2.dilate(mask.astype(np.uint8), np.ones((side, side), np.uint8)) > 0)
 
 
 def boxes_around(new: Array) -> list[tuple[Box, Array]]:

@@ -38,8 +38,7 @@ def propose_inverse_depth(others: Iterable[tuple[SourceView, Array]], shape: tup
     """
     nearest = np.zeros(shape, np.float32)
     for to_this, depth in others:
-        shown = floats(depth), floats(to_this.numbers)
-        call_kernel("splat", *depth.shape, *shown, *shape, nearest)
+        call_kernel("splat", *depth.shape, floats(depth), floats(to_this.numbers), *shape, nearest)
     return _close_gaps(nearest)
 
 

@@ -378,8 +378,7 @@ def rig_from_board(view: View, places: Array, pixels: Array) -> tuple[Array, Arr
 
 def board_pose(lens: Lens, places: Array, pixels: Array) -> tuple[Array, Array]:
     """Return rotation (3, 3) and translation (3,) from a board to a camera, by its corners."""
-    rays = lens.rays(pixels)
-    _, rvec, tvec = cv2.solvePnP(places, rays, np.eye(3), None)
+    _, rvec, tvec = cv2.solvePnP(places, lens.rays(pixels), np.eye(3), None)
     return cv2.Rodrigues(rvec)[0], np.asarray(tvec).ravel()
 
 

@@ -334,9 +334,8 @@ def _extraction(pycolmap: Any, sizes: Sequence[tuple[int, int]]) -> Any:
 
     def bytes_at(scale: float) -> float:
         shrunk = (min(1.0, limit / max(size)) * scale for size in sizes)
-        pixels = max(w * h * s**2 for (w, h), s in zip(sizes, shrunk, strict=True))
         # SIFT holds the image at twice its size, a dozen times in float, and its smaller octaves.
-        return float(pixels * 220)
+        return 220.0 * max(w * h * s**2 for (w, h), s in zip(sizes, shrunk, strict=True))
 
     scale = memory_budget().fit_scale("the features of a picture", bytes_at, fraction=0.6)
     options.max_image_size = max(1, int(min(limit, max(map(max, sizes))) * scale)) if scale < 1 else limit

@@ -9,10 +9,11 @@ from capture_app.common.errors import DiskError
 from capture_app.common.node_state import NodeState
 from capture_app.common.pairing_codes import Role
 from capture_app.net.channel import connect
+from capture_app.node.endpoint import PortOptions
 from capture_app.node.enrolment import Enrolment
 from capture_app.node.leader.leader_node import LeaderNode
 from capture_app.node.leader.leader_options import LeaderOptions
-from capture_app.node.relay_node import RelayNode, RelayOptions
+from capture_app.node.relay_node import RelayNode
 from capture_app.protocol.log import Log
 from capture_app.protocol.messages import FromLeader, KeyAnswer, KeyRequest, Refusal
 from capture_app.sync.wire.codec import decode, encode
@@ -113,7 +114,7 @@ async def test_who_is_removed_gets_no_key_over_a_stream_that_it_has_kept(
 async def test_below_a_relay_keys_are_the_relays(tmp_path: Path, leader: LeaderNode, trust: Trust) -> None:
     relays = introduced(tmp_path, trust, "relay", Role.RELAY)
     one = await RelayNode.start(
-        RelayOptions(name="relay", parents=(leader.own_address,), host="127.0.0.1", port=0, trust=relays)
+        "relay", (leader.own_address,), PortOptions(host="127.0.0.1", port=0, trust=relays)
     )
     async with one:
         camera = introduced(tmp_path, relays, "camera")
@@ -126,14 +127,9 @@ async def test_a_camera_is_not_taken_for_a_relay(tmp_path: Path, leader: LeaderN
     camera = introduced(tmp_path, trust, "camera")
     said: list[str] = []
     relay = await RelayNode.start(
-        RelayOptions(
-            name="relay",
-            parents=(leader.own_address,),
-            host="127.0.0.1",
-            port=0,
-            trust=camera,
-            log=Log(said.append),
-        )
+        "relay",
+        (leader.own_address,),
+        PortOptions(host="127.0.0.1", port=0, trust=camera, log=Log(said.append)),
     )
     async with relay:
         await until(lambda: any("not as relay" in line for line in said))

@@ -13,8 +13,9 @@ from capture_app.common.errors import NetworkError
 from capture_app.common.pairing_codes import Role
 from capture_app.net.channel import connect
 from capture_app.node.burst import camera_delivery
+from capture_app.node.endpoint import PortOptions
 from capture_app.node.leader.leader_node import LeaderNode
-from capture_app.node.relay_node import RelayNode, RelayOptions
+from capture_app.node.relay_node import RelayNode
 from capture_app.protocol import messages as wire
 from capture_app.protocol.messages import FromLeader, Refusal
 from capture_app.sync.rig.burst_orders import BurstOrder
@@ -90,8 +91,10 @@ async def field(
             leader = await stack.enter_async_context(await start_leader(sessions, trust=trust))
             near = leader.own_address
             if below_relay:
-                options = RelayOptions(name="hall", parents=(near,), host="127.0.0.1", port=0, trust=relay)
-                near = (await stack.enter_async_context(await RelayNode.start(options))).address
+                options = PortOptions(host="127.0.0.1", port=0, trust=relay)
+                near = (
+                    await stack.enter_async_context(await RelayNode.start("hall", (near,), options))
+                ).address
             if turn == 0:
                 await stack.enter_async_context(joined(near, CAM, trust=owner))
                 await seen(leader, "cam")

@@ -12,8 +12,9 @@ import pytest
 from capture_app.common.address import Address
 from capture_app.common.pairing_codes import Role
 from capture_app.net.channel import Channel, connect
+from capture_app.node.endpoint import PortOptions
 from capture_app.node.leader.leader_node import LeaderNode
-from capture_app.node.relay_node import RelayNode, RelayOptions
+from capture_app.node.relay_node import RelayNode
 from capture_app.protocol.messages import FromLeader, KeyRequest, NodeStream, Refusal, ReportAck, SpoolSpace
 from capture_app.protocol.orders import InvitePhone, StopRig
 from capture_app.protocol.pairing_messages import Invite, SpeaksFor
@@ -49,9 +50,7 @@ async def relays(folder: Path, depth: int) -> AsyncIterator[tuple[LeaderNode, Re
 
 
 async def relay(name: str, parent: Address, trust: Trust) -> RelayNode:
-    return await RelayNode.start(
-        RelayOptions(name=name, parents=(parent,), host="127.0.0.1", port=0, trust=trust)
-    )
+    return await RelayNode.start(name, (parent,), PortOptions(host="127.0.0.1", port=0, trust=trust))
 
 
 async def ask(channel: Channel[Any], message: Any) -> Any:

@@ -9,8 +9,9 @@ import pytest
 from capture_app.common.errors import BadInputError
 from capture_app.common.pairing_codes import Role
 from capture_app.node.burst.burst_session import BurstSession
+from capture_app.node.endpoint import PortOptions
 from capture_app.node.leader.leader_node import LeaderNode
-from capture_app.node.relay_node import RelayNode, RelayOptions
+from capture_app.node.relay_node import RelayNode
 from capture_app.protocol.orders import RemoveCamera
 from capture_app.session.reading.reader import Session
 from capture_app.session.writing.recovery import RESERVE
@@ -130,7 +131,7 @@ async def test_the_name_of_a_camera_below_a_relay_is_its_owners_when_it_is_silen
                     while not isinstance(await say_hello(where, thief, "cam0", instance), JoinRefusal):
                         pass
                 (node,) = (node for node in leader.status().nodes if node.name == "cam0")
-                assert (node.state, node.parent) == ("lost", near.options.name)
+                assert (node.state, node.parent) == ("lost", near.name)
             async with joined(near.address, CAM, trust=owner):
                 await until(lambda: all(n.state != "lost" for n in leader.status().nodes))
             # Once it is freed by hand, another machine can have it, also below the relay that knew it.
@@ -143,7 +144,7 @@ async def test_the_name_of_a_camera_below_a_relay_is_its_owners_when_it_is_silen
 async def below(leader: LeaderNode, trust: Trust) -> RelayNode:
     name = trust.folder.name if trust.folder is not None else ""
     return await RelayNode.start(
-        RelayOptions(name=name, parents=(leader.own_address,), host="127.0.0.1", port=0, trust=trust)
+        name, (leader.own_address,), PortOptions(host="127.0.0.1", port=0, trust=trust)
     )
 
 

@@ -8,7 +8,7 @@ import pytest
 from reconstruction.method.timing import Timing, judge_timing, with_curve_peak
 from reconstruction.time_offsets import crossings as crossings_module
 from reconstruction.time_offsets.crossings import Crossings, fit_offset
-from reconstruction.time_offsets.instant_votes import Change, Step, count_votes, find_change
+from reconstruction.time_offsets.instant_votes import Change, Step, Votes, count_votes, find_change
 from tests.unit.reconstruction.test_timing import timing_sentences
 from tests.unit.reconstruction.time_offsets.test_offset_fit import NOTHING_STILL, PERIOD_MS, crossings
 
@@ -165,3 +165,73 @@ def test_a_rate_that_is_less_than_its_error_is_not_told(monkeypatch: pytest.Monk
         slope_ms = 0.0, sd_ms, 0.0
         monkeypatch.setattr(crossings_module, "fit_slope", lambda _, slope_ms=slope_ms: slope_ms)
         assert bool(fit_offset(found, NOTHING_STILL, PERIOD_MS).change) == told
+
+
+def votes_of(peaks: dict[int, tuple[float, float]]) -> Votes:
+    """The votes of instants, each with its only peak: an offset, ms, and how many."""
+    offsets_ms = np.arange(-60.0, 60.5, 0.5)
+    votes = np.zeros((len(peaks), len(offsets_ms)))
+    for row, (at_ms, count) in enumerate(peaks.values()):
+        votes[row, np.flatnonzero(offsets_ms == at_ms)] = count
+    return Votes(np.array([*peaks]), offsets_ms, votes)
+
+
+def test_an_instant_apart_has_a_clear_peak_of_its_own_there() -> None:
+    """At 20 ms a frame, from 6 ms on; more than 3.2 times the votes beside the offset."""
+    votes = votes_of({3: (0, 20), 4: (6, 6), 5: (5.5, 20), 7: (-30, 5.5), 8: (-30, 9)})
+    assert votes.apart_ms(0.0, 20.0, 0.3) == {4: 6, 8: -30}
+    assert votes.apart_ms(0.0, 20.0, 0.3, 9.0) == {8: -30}
+    assert votes.apart_ms(6.0, 20.0, 0.3) == {3: -6, 8: -36}
+    votes.votes[4, np.flatnonzero(votes.offsets_ms == 2)] = 3
+    assert votes.apart_ms(0.0, 20.0, 0.3) == {4: 6}
+    votes.votes[4, np.flatnonzero(votes.offsets_ms == 2)] = 2.5
+    assert votes.apart_ms(0.0, 20.0, 0.3) == {4: 6, 8: -30}
+
+
+def test_a_run_or_an_end_disagrees_and_one_between_others_does_not() -> None:
+    steady = dict.fromkeys(range(8), (0.0, 20.0))
+    assert votes_of(steady).disagreeing(0.0, 20.0) == ()
+    assert votes_of(steady | {4: (20, 20)}).disagreeing(0.0, 20.0) == ()
+    assert votes_of(steady | {4: (20, 20), 5: (29, 20)}).disagreeing(0.0, 20.0) == (4, 5)
+    assert votes_of(steady | {4: (20, 20), 5: (30, 20)}).disagreeing(0.0, 20.0) == ()
+    # An instant without a clear peak between them does not part a run.
+    assert votes_of(steady | {3: (20, 20), 4: (0, 2), 5: (20, 20)}).disagreeing(0.0, 20.0) == (3, 5)
+    for end in (0, 7):
+        assert votes_of(steady | {end: (20, 20)}).disagreeing(0.0, 20.0) == (end,)
+        assert votes_of(steady | {end: (50, 20)}).disagreeing(0.0, 20.0) == ()
+    faint = steady | {6: (20, 20), 7: (0, 2)}
+    assert votes_of(faint).disagreeing(0.0, 20.0) == (6,)
+
+
+def test_a_changes_drift_is_about_its_pivot_and_steps_count_from_their_instants() -> None:
+    change = Change(steps=(Step(10, 1, 10, 10), Step(20, -2, 20, 20)), drift=0.5, pivot=15.0)
+    at_ms = change.at_ms(np.array([9, 10, 15, 19, 20]), 20.0)
+    assert at_ms.tolist() == [-60, -30, 20, 60, 30]
+    assert change.reversed().at_ms(np.array([9, 20]), 20.0).tolist() == [60, -30]
+    assert bool(Change(drift=0.1)) is bool(Change(steps=change.steps)) is True
+    assert not Change(drift_sd=1.0, pivot=9.0)
+    total = Change(drift=0.1, drift_sd=0.3).followed_by(Change(drift=0.2, drift_sd=0.4, pivot=7.0))
+    assert (total.drift, total.drift_sd, total.pivot) == (pytest.approx(0.3), pytest.approx(0.5), 7.0)
+    assert Change(pivot=5.0).followed_by(Change(pivot=7.0)).pivot == 5.0
+
+
+def test_steps_that_may_be_at_one_instant_are_added() -> None:
+    first = Change(steps=(Step(10, 1, 8, 12),))
+    near = first.followed_by(Change(steps=(Step(15, 1, 13, 16),)))
+    assert near.steps == (Step(12, 2, 12, 13),)
+    apart = first.followed_by(Change(steps=(Step(15, 1, 14, 16),)))
+    assert apart.steps == (Step(10, 1, 8, 12), Step(15, 1, 14, 16))
+    both = first.followed_by(Change(steps=(Step(11, 1, 10, 11),)))
+    assert both.steps == (Step(10, 2, 10, 11),)
+
+
+def test_changes_are_alike_whose_steps_may_be_the_same() -> None:
+    change = Change(steps=(Step(10, 1, 8, 12),))
+    assert change.resembles(Change(steps=(Step(13, 1, 12, 14),)))
+    assert change.resembles(Change(steps=(Step(7, 1, 6, 8),)))
+    for step in (Step(13, 1, 13, 14), Step(7, 1, 6, 7), Step(10, 2, 8, 12)):
+        assert not change.resembles(Change(steps=(step,)))
+    assert not change.resembles(Change())
+    assert Change(drift=0.1).resembles(Change(drift=0.3))
+    assert not Change(drift=0.1).resembles(Change(drift=-0.1))
+    assert not Change(drift=0.1).resembles(Change())

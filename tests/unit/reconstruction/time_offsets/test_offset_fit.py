@@ -1,6 +1,7 @@
 """What crossings of epipolar lines agree on, among wrong matches and with a calibration that is off."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -8,12 +9,18 @@ from msgspec import structs
 
 from reconstruction.method.timing import judge_timing
 from reconstruction.report.findings import sentences
+from reconstruction.time_offsets import crossings as crossings_module
 from reconstruction.time_offsets.crossings import (
     Crossings,
     InstantOffset,
     OffsetFit,
     StillErrors,
+    _fit,
     fit_offset,
+    fit_slope,
+    points_at_offset,
+    scatter_ms,
+    steps_ratio,
 )
 from reconstruction.time_offsets.instant_votes import Change, Step
 from reconstruction.time_offsets.pair_geometry import ODDS_PX, TERMS, geometry_terms, places
@@ -282,3 +289,147 @@ def test_what_is_small_shows_no_rows() -> None:
     geometry[:, 2] = ODDS_PX[1] * (seen.instant / 4 - 1)
     falls = replace(seen, geometry=geometry, offset_ms=seen.offset_ms + 20.0 * (seen.instant / 4 - 1))
     assert fit_offset(falls, NOTHING_STILL, PERIOD_MS).rows_ms == 0
+
+
+def line(*late_ms: float, sd_ms: float = 0.5) -> tuple[InstantOffset, ...]:
+    return tuple(InstantOffset(k, ms, sd_ms, 20) for k, ms in enumerate(late_ms))
+
+
+def test_offsets_that_scatter_more_than_their_errors_jitter_unless_they_drift() -> None:
+    zigzag = [3.0, -3, 3, -3, 3, -3]
+    assert scatter_ms(line(*zigzag), PERIOD_MS) == (
+        pytest.approx(np.sqrt((1.4826 * 3) ** 2 - 0.25)),
+        False,
+    )
+    five = [3.0, -3, 0.5, -2, 2]
+    assert scatter_ms(line(*five), PERIOD_MS)[0] == pytest.approx(3.7, abs=0.1)
+    assert scatter_ms(line(*five[:4]), PERIOD_MS) == (None, False)
+    assert scatter_ms(line(*zigzag, sd_ms=1.5), PERIOD_MS) == (None, False)
+    # A twentieth of a frame is none.
+    assert scatter_ms(line(*zigzag), 100.0) == (None, False)
+    assert scatter_ms(line(-7, -5, -2, 2, 5, 7), PERIOD_MS) == (None, True)
+    assert steps_ratio(np.ones(5)) == 2
+    assert steps_ratio(np.array([1.0, -1, 1, -1])) == pytest.approx(4 / (4 / 3))
+
+
+def test_instants_off_the_offset_by_four_of_their_errors_are_odd() -> None:
+    fit = OffsetFit(10.0, 0.5, instants=line(10, 12.5, 11.5, 7, 10.5))
+    assert fit.odd_ms(1.0) == {1: 2.5, 3: -3}
+    assert fit.odd_ms(2.6) == {3: -3}
+    assert OffsetFit(instants=line(3.0)).odd_ms(1.0) == {0: 3.0}
+
+
+def test_jitter_is_the_scatter_of_glitches_where_they_are_many() -> None:
+    zigzag = [3.0, -3, 3, -3, 3, -3]
+    steady = line(*[0.0] * 20)
+    glitches = dict.fromkeys((20, 22, 24, 26, 28), 20.0)
+    assert OffsetFit(0.0, 0.5, instants=line(*zigzag)).jitter_ms(PERIOD_MS) == pytest.approx(4.4, abs=0.1)
+    often = OffsetFit(0.0, 0.5, instants=steady, glitches_ms=({3: 20.0}, glitches))
+    assert often.jitter_ms(PERIOD_MS) == pytest.approx(float(np.std([0.0] * 20 + [20.0] * 5)))
+    four = {k: ms for k, ms in glitches.items() if k > 20}
+    assert replace(often, glitches_ms=({}, four)).jitter_ms(PERIOD_MS) is None
+    rare = replace(often, instants=line(*[0.0] * 22))
+    assert rare.jitter_ms(PERIOD_MS) is None
+    stepped = replace(often, change=Change(steps=(Step(9, 1, 9, 9),)))
+    assert stepped.jitter_ms(PERIOD_MS) is None
+    late = replace(often, offset_ms=5.0, instants=line(*[5.0] * 20))
+    assert late.jitter_ms(PERIOD_MS) == often.jitter_ms(PERIOD_MS)
+
+
+def test_a_fit_that_is_later_has_later_instants_and_counts_what_it_examined() -> None:
+    fit = OffsetFit(10.0, 0.5, instants=line(10, 11), glitches_ms=({4: 9.0}, {5: 9.0}), disagreeing=(6,))
+    seen_at = fit.examined_at(range(9))
+    assert (seen_at.unvoted, seen_at.examined) == ((2, 3, 7, 8), 9)
+    later = seen_at.later(-4.0)
+    assert (later.offset_ms, [instant.late_ms for instant in later.instants]) == (6, [6, 7])
+    unknown = OffsetFit(reason="nothing", instants=line(1.0)).later(2.0)
+    assert (unknown.offset_ms, unknown.instants[0].late_ms) == (None, 3)
+
+
+def test_the_slope_of_instants_is_weighted_by_their_errors() -> None:
+    late = [InstantOffset(k, 2.0 * k, 0.5, 20) for k in range(5)]
+    slope_ms, sd_ms, middle = fit_slope(late)
+    assert (slope_ms, middle) == (pytest.approx(2), pytest.approx(2))
+    assert sd_ms == pytest.approx(0.5 / np.sqrt(10))
+    vague = [*late, InstantOffset(9, 500.0, 1e4, 20)]
+    assert fit_slope(vague)[0] == pytest.approx(2, abs=1e-3)
+    # Scatter beyond the errors widens that of the slope.
+    rough = [structs.replace(one, late_ms=one.late_ms + 4 * (-1) ** one.instant) for one in late]
+    assert fit_slope(rough)[1] > 5 * sd_ms
+
+
+def test_points_are_moved_along_their_paths_by_less_than_an_image() -> None:
+    at_a = np.array([[[0.0, 0]] * 2, [[5, 5]] * 2, [[9, 9]] * 2])
+    at_b = np.array([[[0.0, 0], [np.nan, 0]], [[10, 20], [10, 20]], [[30, 20], [30, 20]]])
+    times_a, times_b = (np.tile([[-20.0], [0], [20]], 2) + ms for ms in (105.0, 100.0))
+
+    def moved(offset_ms: float) -> list[list[float]]:
+        return points_at_offset((at_a, times_a), (at_b, times_b), offset_ms)[1].tolist()
+
+    # B's image is 5 ms before A's: towards its next one, in which both points are.
+    assert moved(0.0) == [[15, 20]] * 2
+    assert moved(5.0) == [[10, 20]]
+    assert moved(15.0) == [[5, 10]]
+    assert moved(-14.0) == [[29, 20]] * 2
+    assert moved(-15.0) == moved(25.0) == []
+    at, _, speeds = points_at_offset((at_a, times_a), (at_b, times_b), 15.0)
+    assert (at.tolist(), speeds.tolist()) == ([[5, 5]], [[0.5, 1.0]])
+
+
+def test_an_unknown_offset_stays_unknown_under_other_calibrations() -> None:
+    unknown = OffsetFit(reason="nothing agrees")
+    assert unknown.under([OffsetFit(3.0, 0.5)]) is unknown
+    own = OffsetFit(3.0, 0.5, instants=line(3, 3, 3))
+    assert own.under([]) == own
+    wider = own.under([OffsetFit(3.3, 0.5, instants=line(3.4, 3)), OffsetFit(2.6, 0.5)])
+    assert wider.sd_ms == pytest.approx(np.hypot(0.5, 0.4))
+    assert [one.sd_ms for one in wider.instants] == pytest.approx([np.hypot(0.5, 0.4), 0.5, 0.5])
+
+
+def test_few_instants_estimate_their_scatter_poorly() -> None:
+    """By Student's t: of nine instants more by 1.2 / 8 + 2.4 / 64."""
+    count, rng = 9, np.random.default_rng(3)
+    instants = np.repeat(np.arange(count), 40)
+    late_ms = np.repeat(rng.normal(0, 3, count), 40)
+    speed = np.tile([0.5, -0.5], 20 * count)
+    terms = geometry_terms(A, B, *seen((1.5, 6.0), len(instants), seed=1))
+    one, none = np.ones(len(instants)), np.zeros(len(instants))
+    fit = _fit(Crossings(instants, late_ms, speed, one, none, terms, instants), NOTHING_STILL, 1.0)
+    inverse = np.linalg.inv(fit.normal)
+    drawn = fit._scatter(fit.weights * fit.miss * (fit.rows @ inverse[0]))
+    assert fit.sd_ms == pytest.approx(drawn * (1 + 1.2 / 8 + 2.4 / 64))
+    assert drawn**2 > inverse[0, 0]
+
+
+def test_a_geometry_that_moves_more_than_its_prior_is_less_certain() -> None:
+    """The prior's standard deviation grows to what the errors themselves show (MacKay)."""
+    quiet, loud = (
+        _fit(crossings(0.0, right=400, wrong=0, shift_px=px), NOTHING_STILL, 1.0) for px in (0.0, 12.0)
+    )
+    place = 1
+    assert abs(loud.geometry[0]) > 8
+    sds = [np.sqrt(np.linalg.inv(fit.normal)[place, place]) for fit in (quiet, loud)]
+    assert sds[1] > 1.3 * sds[0]
+
+
+def test_one_offset_of_all_rows_is_fitted_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A fit takes most of a pair's time; only rows with offsets of their own need further ones."""
+    fit, rows_left = crossings_module._fit_offset, [0.0]
+    calls: list[int] = []
+
+    def fitted(*given: Any) -> OffsetFit:
+        calls.append(len(calls))
+        return replace(fit(*given), rows_ms=rows_left[min(len(calls), len(rows_left)) - 1])
+
+    monkeypatch.setattr(crossings_module, "_fit_offset", fitted)
+    steady = crossings(5.0)
+    assert fit_offset(steady, NOTHING_STILL, PERIOD_MS).rows_ms == 0
+    assert len(calls) == 1
+    calls.clear()
+    rows_left = [3.0, 1.0, 0.0]
+    assert fit_offset(steady, NOTHING_STILL, PERIOD_MS).rows_ms == 4
+    assert len(calls) == 3
+    calls.clear()
+    rows_left = [1.0]
+    assert fit_offset(steady, NOTHING_STILL, PERIOD_MS).rows_ms == 4
+    assert len(calls) == 4

@@ -11,6 +11,7 @@ from reconstruction.time_offsets.crossings import Crossings, fit_offset, points_
 from reconstruction.time_offsets.pair_geometry import (
     correct_views,
     geometry_terms,
+    other_calibrations,
 )
 from tests.unit.reconstruction.conftest import make_view
 
@@ -90,3 +91,40 @@ def test_matches_that_fit_no_geometry_correct_nothing() -> None:
     assert correct_views((A, B), at_a[:5], at_b[:5]) is None
     mirrored = replace(B, matrix=B.matrix * np.array([[1.0], [2.0], [1.0]]))
     assert correct_views((A, mirrored), at_a, at_b) is None
+
+
+def test_a_lens_that_bends_is_corrected_too() -> None:
+    bent, nearer = replace(B, distortion=np.array([0.3, 0, 0, 0, 0])), seen((1.2, 1.8), 400, seed=1)
+    before = np.abs(epipolar_errors_px(A, bent, *nearer))
+    found = correct_views((A, bent), *seen((2.0, 5.0), 600))
+    assert found is not None
+    after = np.abs(epipolar_errors_px(*found[0], *nearer))
+    assert np.percentile(before, 90) > 2
+    assert np.percentile(after, 90) < 0.7
+    assert found[0][1].distortion[0] < 0.15
+
+
+def test_matches_say_whether_they_leave_a_correction_open() -> None:
+    """A far point on a line cannot tell a turn from a move: what the prior allows, it keeps."""
+    off = FAULTS["turned"]
+    correction = correct_views((A, off), *seen((2.0, 5.0), 600))
+    assert correction is not None
+    (first, second), late_ms, sd_ms = correction
+    assert (late_ms, sd_ms) == (0, pytest.approx(1))
+    assert np.linalg.norm(second.centre - first.centre) == pytest.approx(
+        np.linalg.norm(off.centre - A.centre), rel=1e-6
+    )
+    turn = cv2.Rodrigues(np.array([0.25, 0, 0]))[0]
+    far = replace(B, rotation=turn @ B.rotation, translation=turn @ B.translation)
+    assert correct_views((A, far), *seen((2.0, 5.0), 600)) is None
+
+
+def test_other_calibrations_fit_what_stands_still_by_other_focal_lengths() -> None:
+    still = seen((2.0, 5.0), 300)
+    others = other_calibrations((A, B), *still)
+    factors = sorted((round(a.focal / A.focal, 2), round(b.focal / B.focal, 2)) for a, b in others)
+    assert {*factors} <= {(0.7, 0.7), (1.4, 1.4), (0.87, 1.15), (1.15, 0.87)}
+    assert len(factors) >= 2
+    for pair in others:
+        assert np.median(np.abs(epipolar_errors_px(*pair, *still))) < 0.5
+    assert other_calibrations((A, B), still[0], np.random.default_rng(0).permutation(still[1])) == []

@@ -116,3 +116,19 @@ def test_it_is_said_why_a_pair_shows_no_offset(scene: Scene, drawn: OpenScene, t
     assert (same.offset_ms, same.reason) == (None, "both cameras are at the same place")
     alone = with_views(drawn, left=PAIR["left"]).measure("left", "right")
     assert (alone.offset_ms, alone.reason) == (None, "right has no calibration")
+
+
+def test_an_offset_is_searched_near_another_at_the_instants_that_both_allow(drawn: OpenScene) -> None:
+    """As for recordings without common times: half a frame early is what 30 ms early and its error hold."""
+    pairs, exact_ms = PairOffsets(drawn), -0.5 * PERIOD_NS / 1e6
+    fit = pairs.measure("left", "right", 9, rough=(exact_ms - 14, 60.0))
+    assert fit.offset_ms == pytest.approx(exact_ms, abs=1.5)
+    # Left's last instant is after the second's last, and those for another offset are to be there, too.
+    assert fit.examined == 3
+    near_ms = exact_ms + 12
+    for beside_ms, examined in ((near_ms + 20, 2), (near_ms + 40, 1), (near_ms - 20, 3), (near_ms - 40, 2)):
+        beside = pairs.measure("left", "right", 9, rough=(near_ms, 60.0), beside_ms=beside_ms)
+        assert beside.examined == examined
+    assert pairs.measure("left", "right", 2, rough=(exact_ms, 60.0)).examined == 2
+    # Beyond its error nothing is looked for.
+    assert pairs.measure("left", "right", 9, rough=(exact_ms + 90, 60.0)).offset_ms is None

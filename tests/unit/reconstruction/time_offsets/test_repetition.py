@@ -89,6 +89,7 @@ def test_a_period_is_that_of_all_that_moves(drawn: tuple[Drawn, ...], frames: fl
 
 def test_a_take_of_few_images_shows_no_period() -> None:
     assert repetition_ms(cast("Dataset", Film(disc(1 / 2), count=6)), "a") == 0
+    assert repetition_ms(cast("Dataset", Film(disc(1 / 2), count=1)), "a") == 0
 
 
 @pytest.mark.parametrize(("late_ms", "certified"), [(0.1, True), (8.0, False)])

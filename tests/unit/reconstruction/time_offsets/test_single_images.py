@@ -224,3 +224,12 @@ def test_an_offset_of_half_of_the_instants_is_not_called_one() -> None:
     steady, dropped = fitted({}), fitted(dict.fromkeys(range(12, 24), 1.0))
     assert dropped.change
     assert not any("is not one" in line for fit in (steady, dropped) for line in times_said(fit))
+
+
+@pytest.mark.parametrize(
+    ("ms", "said"),
+    [(5.0, "5 ms later"), (-9.0, "9 ms earlier"), (30.0, "1 frame later"), (-70.0, "2 frames earlier")],
+)
+def test_an_image_is_so_many_frames_late_or_a_part_of_one(ms: float, said: str) -> None:
+    (text,) = SingleImages(glitches_ms={3: ms}, period_ms=33.0).describe("R", "L")
+    assert said in text, text

@@ -2,8 +2,9 @@
 
 import numpy as np
 
+from reconstruction.common.geometry import Array
 from reconstruction.depth.calibrated_image import SourceView
-from reconstruction.depth.geometric_consistency import consistent_and_visible_views
+from reconstruction.depth.geometric_consistency import MAX_COST, consistent_and_visible_views
 from reconstruction.depth.plane_sweep import Surface
 from reconstruction.methods.multiview.consistent_pixels import consistent_pixels
 from tests.unit.reconstruction.depth.small_views import HEIGHT, WIDTH, photo_of, view_at
@@ -61,3 +62,24 @@ def test_small_islands_stay_only_where_things_are_thin() -> None:
             Surface(level, flat, flat, flat), count, np.full_like(count, 3), 3, flat > 0, has_thin=has_thin
         )
         assert kept[20:28, 50:54].all() == has_thin
+
+
+def test_evidence_comes_in_patches_and_reaches_only_a_little_beyond_them() -> None:
+    """A single pixel that matches well is chance: the dark around it stays without depth."""
+    flat = np.zeros((60, 100), np.float32)
+    count, able = (np.full(flat.shape, 2, np.uint8) for _ in range(2))
+    cost = flat + MAX_COST
+
+    def valid(cost: Array) -> Array:
+        surface = Surface(flat + 0.4, flat, flat, np.asarray(cost, np.float32))
+        return consistent_pixels(surface, count, able, 2, flat == 0, has_thin=True)
+
+    speck, patch = cost.copy(), cost.copy()
+    speck[30, 50] = 0
+    assert not valid(cost).any()
+    assert not valid(speck).any()
+    patch[26:35, 46:55] = 0
+    kept = valid(patch)
+    assert kept[27:34, 47:54].all()
+    assert not kept[:, :40].any()
+    assert not kept[:, 60:].any()

@@ -8,8 +8,9 @@ import pytest
 from capture_app.session.exporting.point_cloud import read_ply
 from reconstruction.common.geometry import Array, View
 from reconstruction.methods.multiview.colmap_workspace import write_workspace
-from reconstruction.methods.multiview.fusion import find_denied, fuse_maps
+from reconstruction.methods.multiview.fusion import find_denied, fuse_maps, fuse_posed_maps
 from reconstruction.methods.multiview.sweep_matcher import ViewDepth
+from tests.unit.reconstruction.conftest import make_view
 from tests.unit.reconstruction.depth.small_views import HEIGHT, MATRIX, SLOPE, WIDTH, photo_of, view_at
 
 
@@ -113,3 +114,11 @@ def test_points_are_as_those_of_colmaps_fusion(tmp_path: Path) -> None:
     apart = np.linalg.norm(ours[::50, None] - theirs, axis=2).min(1)
     # COLMAP's points are medians of their pixels, ours are means.
     assert np.quantile(apart, 0.98) < 0.01
+
+
+def test_maps_and_pictures_of_other_sizes_are_refused() -> None:
+    view, depth = make_view((0, 0, 0)), np.ones((240, 320), np.float32)
+    normals, picture = np.zeros((240, 320, 3), np.float32), np.zeros((240, 320, 3), np.uint8)
+    for other in ((view, depth, normals[:9], picture), (view, depth, normals, picture[:, :9])):
+        with pytest.raises(ValueError, match=r"a depth map of \(240, 320\) has normals or a picture"):
+            fuse_posed_maps([(view, depth, normals, picture), other], 2, 0.01, 0.5)

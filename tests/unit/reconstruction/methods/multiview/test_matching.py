@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from capture_app.common.errors import BadInputError
+from capture_app.console.terminal import Progress
 from reconstruction.common.geometry import Array, resize_view
 from reconstruction.depth.calibrated_image import CalibratedImage, SourceView
 from reconstruction.depth.plane_sweep import PlaneSweep, Surface
@@ -60,6 +61,29 @@ def test_slanted_plane_is_found_to_a_fraction_of_a_percent(
     assert np.mean(found > 0) > 0.97
     assert np.median(error) < 0.004
     assert np.mean(error < 0.02) > 0.95
+
+
+def shows_its_surface(view: ViewDepth) -> bool:
+    """Whether all depth is that of the view's own surface, and there is some."""
+    assert view.surface is not None
+    there = view.depth > 0
+    return bool(there.any()) and np.allclose(
+        view.depth[there] * view.surface.inverse_depth[there], 1, rtol=1e-4
+    )
+
+
+def test_depth_is_the_last_surfaces_where_others_confirm_it(
+    photos: dict[str, CalibratedImage], matched: dict[str, ViewDepth], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert all(shows_its_surface(view) for view in matched.values())
+    texts: list[str] = []
+    progress = Progress(9, silent=True)
+    monkeypatch.setattr(progress, "step", texts.append)
+    pair = {name: photos[name] for name in ("left", "right")}
+    both = {"left": ["right"], "right": ["left"]}
+    found = match_all_views(pair, both, between(pair, 1.4, 4.0), progress)
+    assert sorted(texts) == ["depth of left", "depth of right"]
+    assert all(shows_its_surface(view) for view in found.values())
 
 
 def test_normals_face_the_camera_and_stand_on_the_plane(

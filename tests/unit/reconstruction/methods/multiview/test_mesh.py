@@ -4,12 +4,15 @@ import json
 import struct
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
-from reconstruction.common.geometry import Array, View
+from capture_app.session.exporting.point_cloud import read_ply
+from reconstruction.common.geometry import Array, View, resize_view
 from reconstruction.methods.multiview import mesh
-from reconstruction.methods.multiview.mesh import join_maps
+from reconstruction.methods.multiview.fusion import FusedCloud
+from reconstruction.methods.multiview.mesh import build_mesh, join_maps
 from reconstruction.methods.multiview.sweep_matcher import ViewDepth
 from tests.unit.reconstruction.conftest import Scene, make_view
 
@@ -174,3 +177,59 @@ def test_maps_without_depth_give_no_mesh() -> None:
     picture = np.zeros((240, 320, 3), np.uint8)
     points, _, triangles = join_maps(VIEWS, dict.fromkeys(VIEWS, nothing), dict.fromkeys(VIEWS, picture))
     assert len(points) == len(triangles) == 0
+
+
+@pytest.mark.parametrize("unit", ["m", "mm"])
+def test_files_of_a_mesh_are_cleaned_upright_and_in_metres(tmp_path: Path, scene: Scene, unit: str) -> None:
+    pytest.importorskip("open3d", reason="open3d has no package for this machine")
+    small = {name: resize_view(view, 80, 60) for name, view in VIEWS.items()}
+    maps = {name: true_map(scene, view) for name, view in small.items()}
+    pictures = {name: np.full((60, 80, 3), (10, 100, 200), np.uint8) for name in small}
+    points, _, triangles = join_maps(small, maps, pictures)
+    away = np.append(points, [[30, 0, 5.0]], axis=0).astype(np.float32)
+    facing = np.tile(np.array([0, 0, -1], np.float32), (len(away), 1))
+    cloud = FusedCloud(away, facing, np.tile(np.array([200, 100, 10], np.uint8), (len(away), 1)), away > 0)
+    count, faces, files = build_mesh(cloud, tmp_path, small, maps, pictures, unit=unit)
+    assert files == ("cloud.ply", "mesh.ply", "mesh.glb", "turntable.png")
+    assert {path.name for path in tmp_path.iterdir()} == {*files}
+    assert faces == len(triangles) > 5000
+    left = read_ply(tmp_path / "cloud.ply")
+    assert len(left.points) == count
+    assert 0.9 * len(points) < count <= len(points)
+    assert left.points[:, 0].max() < 10
+    assert (left.colours == (200, 100, 10)).all()
+    assert b"property double nx" in (tmp_path / "cloud.ply").read_bytes()[:400]
+    document = json.JSONDecoder().raw_decode((tmp_path / "mesh.glb").read_bytes()[20:].decode("latin-1"))[0]
+    metres = 1.0 if unit == "m" else 0.001
+    assert document["accessors"][0]["max"][2] == pytest.approx(-points[:, 2].min() * metres, rel=1e-4)
+    assert document["accessors"][0]["max"][1] == pytest.approx(-points[:, 1].min() * metres, rel=1e-4)
+    assert np.asarray(cv2.imread(str(tmp_path / "turntable.png"))).std() > 5
+    assert build_mesh(cloud, tmp_path, small, maps, pictures, unit=unit, mesh=False) == (
+        count,
+        0,
+        ("cloud.ply",),
+    )
+    few = FusedCloud(*(part[-5:] for part in (away, facing, cloud.colours, cloud.seen)))
+    assert build_mesh(few, tmp_path, small, maps, pictures, unit=unit, mesh=False)[0] == 5
+
+
+def test_what_is_behind_the_place_it_is_drawn_from_is_not_drawn() -> None:
+    """A point ahead is a square of three pixels, the nearest of several."""
+    eye, middle, up = np.zeros(3), np.array([0.0, 0, 2]), np.array([0.0, -1, 0])
+    colours = np.array([[10, 20, 30], [40, 50, 60], [70, 80, 90]], np.uint8)
+    points = np.array([[0, 0, 2.0], [0, 0, 1.0], [0, 0, -1.0]])
+    picture = mesh._draw_points(points, colours, eye, middle, up)
+    height, width, _ = picture.shape
+    drawn = (picture != picture[0, 0]).any(2)
+    assert drawn.sum() == 9
+    assert picture[height // 2, width // 2].tolist() == [60, 50, 40]
+    assert not (mesh._draw_points(points[2:], colours[2:], eye, middle, up) != picture[0, 0]).any()
+
+
+def test_a_folder_that_cannot_be_written_to_is_said(tmp_path: Path) -> None:
+    pytest.importorskip("open3d", reason="open3d has no package for this machine")
+    points = np.random.default_rng(1).normal(size=(9, 3)).astype(np.float32)
+    cloud = FusedCloud(points, points, np.zeros((9, 3), np.uint8), points > 0)
+    gone = tmp_path / "gone"
+    with pytest.raises(OSError, match="cannot write the cloud and the mesh into"):
+        build_mesh(cloud, gone, {}, {}, {}, unit="m", mesh=False)

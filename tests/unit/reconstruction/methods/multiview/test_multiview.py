@@ -155,6 +155,9 @@ def test_gpu_is_found_by_its_driver_and_the_other_environment_by_its_name(tmp_pa
     fake(tmp_path / "nvidia-smi", "#!/bin/sh\nexit 9\n")
     with pytest.raises(NotAvailableError, match="this machine has none"):
         find_gpu(there)
+    fake(tmp_path / "nvidia-smi", "not a program")
+    with pytest.raises(NotAvailableError, match="the GPU does not answer: "):
+        find_gpu(there)
     fake(tmp_path / "nvidia-smi", "#!/bin/sh\necho Some GPU\n")
     with pytest.raises(NotAvailableError, match="pycolmap-cuda12"):
         find_gpu(there)

@@ -1,5 +1,6 @@
 """Poses that are pixels off are refined by points at rest, and depth says what it rests on."""
 
+import re
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -7,19 +8,24 @@ from types import SimpleNamespace
 import cv2
 import numpy as np
 import pytest
+from msgspec import structs
 
 from capture_app.common.errors import NotApplicableError
-from reconstruction.common.geometry import View
+from capture_app.session.reading.reader import Session
+from reconstruction.common.geometry import View, angle_deg
+from reconstruction.methods.multiview import refinement
 from reconstruction.methods.multiview.confidence import DepthSupport
 from reconstruction.methods.multiview.multiview_method import Multiview
-from reconstruction.methods.multiview.refinement import estimate_scale_error, refine_views
+from reconstruction.methods.multiview.refinement import estimate_scale_error, refine_calibration, refine_views
 from reconstruction.scene.calibration.consistency import (
     check_rig,
     consistent_matches,
     describe_residual,
     triangulate,
 )
+from reconstruction.scene.dataset import Dataset
 from reconstruction.scene.pairs import Features
+from reconstruction.scene.scene import Scene
 from tests.unit.reconstruction.conftest import make_view
 
 VIEWS = {
@@ -187,3 +193,35 @@ def test_depth_of_few_pixels_is_no_success() -> None:
     assert lines[-2].startswith("warning: only 2 % of cam1's pixels have a depth")
     result.coverage = 0.8
     assert len([*Multiview().lines(result, Path())]) == len(lines) - 1
+
+
+def test_a_scene_is_refined_by_its_own_points_and_says_so(
+    trio: Session, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("pycolmap", reason="pycolmap has no package for this machine")
+    scene = Scene(Dataset(trio))
+    true = scene.views
+    turned = replace(true["left"], rotation=cv2.Rodrigues(np.array([0.01, 0, 0]))[0] @ true["left"].rotation)
+    turned = replace(turned, translation=-turned.rotation @ true["left"].centre)
+    wrong = scene.calibration.cameras | {"left": turned.to_calibration(), "gone": turned.to_calibration()}
+    refined = refine_calibration(scene.calibrated(structs.replace(scene.calibration, cameras=wrong)))
+    before, after = map(float, re.findall(r"\d+\.\d\d", refined.source))
+    assert refined.source == f"boards, refined from {before:.2f} to {after:.2f} px by points at rest"
+    assert before > 0.5 > 0.2 > after
+    assert refined.calibration.cameras.keys() == wrong.keys()
+    assert angle_deg(refined.views["left"].axis, refined.views["right"].axis) == pytest.approx(
+        angle_deg(true["left"].axis, true["right"].axis), abs=0.1
+    )
+    assert 0 < refined.scale_error < 0.1
+    bare = SimpleNamespace(given=None, dataset=SimpleNamespace(name="boards"))
+    with pytest.raises(NotApplicableError, match="boards has no calibration to refine"):
+        refine_calibration(bare)  # type: ignore[arg-type]
+    monkeypatch.setattr(refinement, "MIN_POINTS_PER_CAMERA", 10_000)
+    with pytest.raises(NotApplicableError, match="10000 are needed to refine its pose"):
+        refine_calibration(scene)
+
+
+def test_a_calibration_that_fits_stays_as_it_is(trio: Session) -> None:
+    pytest.importorskip("pycolmap", reason="pycolmap has no package for this machine")
+    scene = Scene(Dataset(trio))
+    assert refine_calibration(scene) is scene

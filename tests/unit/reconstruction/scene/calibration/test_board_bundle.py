@@ -1,16 +1,20 @@
 """Bundle adjustment over boards: what pairs got wrong is mended, and misread corners do no harm."""
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 
 from capture_app.board.boards import DEFAULT_BOARD
+from capture_app.common.errors import BadInputError
 from capture_app.session.format.lens import Lens
 from reconstruction.common.geometry import Array, View, other_from_reference
-from reconstruction.scene.calibration.board_bundle import Sightings, adjust_bundle
-from reconstruction.scene.calibration.board_calibration import calibrate_lens
+from reconstruction.scene.calibration import board_calibration
+from reconstruction.scene.calibration.board_bundle import Adjustment, Sightings, _borne_terms, adjust_bundle
+from reconstruction.scene.calibration.board_calibration import calibrate_from_board, calibrate_lens
 from tests.unit.reconstruction.conftest import HEIGHT, WIDTH, make_view
 
 RIG = {
@@ -131,3 +135,118 @@ def test_a_fisheye_that_a_perspective_lens_nearly_fits_is_found(noise_px: float)
     found = calibrate_lens("wide", (640, 480), DEFAULT_BOARD, seen)
     assert found.is_fisheye
     assert found.matrix[0, 0] == pytest.approx(282, rel=0.005 if noise_px < 0.1 else 0.01)
+
+
+def test_what_a_term_that_is_left_out_had_explained_goes_to_the_others() -> None:
+    """As the normal distribution of the others is, once these are known to be 0."""
+    rng = np.random.default_rng(4)
+    spread = rng.normal(size=(9, 9))
+    covariance = spread @ spread.T + 9 * np.eye(9)
+    lens = np.array([300.0, 300, 160, 120, 50, 40, 0.1, 0.2, 0.3])
+    terms, left = _borne_terms(False, frozenset(range(9)), lens, covariance, 4.0)
+    assert terms == frozenset({0, 1, 2, 3, 4, 5})
+    known = [8, 6, 7]
+    gain = covariance[:, known] @ np.linalg.inv(covariance[np.ix_(known, known)])
+    assert left[:6] == pytest.approx((lens - gain @ lens[known])[:6])
+    assert left[6:].tolist() == [0, 0, 0]
+    # A term that is clear stays, and with the last radial one the first.
+    sure = np.append(lens[:8], 90.0)
+    terms, left = _borne_terms(False, frozenset(range(9)), sure, covariance, 4.0)
+    assert terms == frozenset({0, 1, 2, 3, 4, 5, 8})
+    assert _borne_terms(False, frozenset(), lens, covariance, 4.0)[0] == frozenset()
+    # A fisheye's terms are left out from the last one on, up to the first that is clear.
+    bent = np.array([140.0, 140, 160, 120, 50, 40, 60, 0.1, 0])
+    assert _borne_terms(True, frozenset(range(8)), bent, covariance, 4.0)[0] == frozenset(range(7))
+
+
+def test_the_gradient_is_that_of_the_loss_with_what_lenses_are_like() -> None:
+    seen = sightings(0.3)
+    bundle = Adjustment(RIG, seen, dict.fromkeys(RIG, frozenset(range(9))), 0.3)
+    values = bundle.start()
+    values[bundle.free] *= 1 + 1e-4 * np.random.default_rng(1).normal(size=int(bundle.free.sum()))
+    loss, normal, gradient = bundle._linearize(values)
+    assert np.isfinite(loss)
+    assert normal == pytest.approx(normal.T)
+    for place in (0, 3, 5, 8, 10, 15, 16, 25, 28, len(values) - 1):
+        step = np.zeros(len(values))
+        step[place] = max(1e-6, 1e-6 * abs(values[place]))
+        slope = (bundle._linearize(values + step)[0] - bundle._linearize(values - step)[0]) / (
+            2 * step[place]
+        )
+        if bundle.free[place]:
+            assert gradient[place] == pytest.approx(slope, rel=1e-2, abs=1e-3 * abs(gradient).max()), place
+        else:
+            assert gradient[place] == 0
+    # The first camera's pose is the rig's, and corners that were misread count less.
+    assert not bundle.free[9:15].any()
+    assert bundle.free[24:30].all()
+
+
+def test_errors_are_those_of_the_terms_that_were_fitted(monkeypatch: pytest.MonkeyPatch) -> None:
+    """With those terms known exactly, what is left of an error is the change by the terms left out."""
+    plain = adjust_bundle(RIG, sightings(0.3)).errors
+    covariance, calls = Adjustment.covariance, list[int]()
+
+    def known(self: Adjustment, values: np.ndarray) -> np.ndarray:
+        calls.append(len(values))
+        return covariance(self, values) * (1.0 if len(calls) % 2 else 0.0)
+
+    monkeypatch.setattr(Adjustment, "covariance", known)
+    exact = adjust_bundle(RIG, sightings(0.3)).errors
+    assert len(calls) % 2 == 0
+    for name in RIG:
+        assert exact[name].focal_percent < 0.8 * plain[name].focal_percent
+        assert exact[name].focal_percent > 0
+
+
+def corners_of(seen: Sightings) -> dict[tuple[str, int], dict[int, np.ndarray]]:
+    """The corners by their numbers, as a detector finds them."""
+    numbers = {tuple(place): number for number, place in enumerate(PLACES)}
+    return {
+        key: {numbers[tuple(place)]: at for place, at in zip(places, pixels, strict=True)}
+        for key, (places, pixels) in seen.items()
+    }
+
+
+def test_known_lenses_stay_and_the_rig_is_chained_from_its_first_camera(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    dataset: Any = SimpleNamespace(name="rig", cameras=tuple(RIG), size=lambda name: (WIDTH, HEIGHT))
+    corners = corners_of(sightings(0.05))
+    lenses = {name: view.lens for name, view in RIG.items()}
+    calibration, errors_by_camera = calibrate_from_board(dataset, DEFAULT_BOARD, corners, lenses)
+    assert calibration.unit == "m"
+    assert calibration.source == (
+        f"ChArUco board in {len(corners)} images of rig, lenses of a, b, c from recordings of their own"
+    )
+    assert calibration.known_lenses.level == "well"
+    for name, view in RIG.items():
+        found = View.from_calibration(calibration.cameras[name], WIDTH, HEIGHT)
+        assert found.focal == pytest.approx(view.focal)
+        assert errors({**RIG, name: found}, name) == pytest.approx((0, 0, 0), abs=1.0)
+        assert 15 < (calibration.cameras[name].seen_deg or 0) < 40
+        assert errors_by_camera[name].focal_percent == 0
+    assert "the board moved" not in capsys.readouterr().err
+    # A camera whose lens is not known is calibrated by its own corners, in the order of moments.
+    asked: list[Any] = []
+
+    def calibrated(name: str, size: Any, board: Any, seen: Any, model: Any) -> Lens:
+        asked.append((name, size, len(seen), model.name))
+        return lenses[name]
+
+    monkeypatch.setattr(board_calibration, "calibrate_lens", calibrated)
+    bundle = SimpleNamespace(
+        views=RIG, errors={name: SimpleNamespace(focal_percent=3.0) for name in RIG}, rms_px=0.9, apart_px=0.2
+    )
+    monkeypatch.setattr(board_calibration, "adjust_bundle", lambda views, seen, kept: bundle)
+    some = {"a": lenses["a"], "b": lenses["b"]}
+    calibration, _ = calibrate_from_board(dataset, DEFAULT_BOARD, corners, some)
+    boards = sum(name == "c" for name, _ in corners)
+    assert asked == [("c", (WIDTH, HEIGHT), boards, "AUTO")]
+    assert calibration.known_lenses.level == "roughly"
+    assert "off by up to 3 to 3 % (95 %)" in calibration.source
+    said = capsys.readouterr().err
+    assert "corners fit all cameras together within 0.90 px, each alone within 0.20 px: the board" in said
+    lonely = {key: seen for key, seen in corners.items() if key[0] != "c" or key[1] < 1}
+    with pytest.raises(BadInputError, match=r"c and \w show the board together at 1 instant"):
+        calibrate_from_board(dataset, DEFAULT_BOARD, lonely, lenses)

@@ -8,7 +8,7 @@ import numpy as np
 from reconstruction.common.geometry import Array
 from reconstruction.scene.dataset import Dataset
 from reconstruction.time_offsets.frame_jumps import BLUR_PX, NOISES
-from reconstruction.time_offsets.rough_offset import MIN_IMAGES, reduced_image
+from reconstruction.time_offsets.rough_offset import MIN_IMAGES, first_return, reduced_image
 
 MAX_IMAGES = 120
 """Maximum number of successive images that are compared, in the middle of the take."""
@@ -61,10 +61,4 @@ def _first_period(moving: Array) -> int:
     both = [np.diagonal(products, lag)[::2].sum() for lag in lags]
     norms = [power[: len(power) - lag : 2].sum() * power[lag::2].sum() for lag in lags]
     alike = np.array(both) / np.sqrt(np.maximum(norms, 1e-9))
-    unlike = np.flatnonzero(alike < UNLIKE)
-    again = np.flatnonzero((alike > ALIKE) & (np.arange(len(alike)) > unlike.min(initial=len(alike))))
-    if not len(again):
-        return 0
-    # The first maximum: up to where the images differ again.
-    end = min((k for k in unlike if k > again[0]), default=len(alike))
-    return int(again[0] + alike[again[0] : end].argmax())
+    return first_return(alike, UNLIKE, ALIKE)

@@ -80,10 +80,21 @@ def repeats_after_ms(activity: Activity, period_ms: float) -> float | None:
     """Return the time after which the motion of MIN_IMAGES or more repeats, ms; None if it does not."""
     a = _evenly(activity, period_ms / STEPS)
     again = np.array([_correlation(a, a, lag)[0] for lag in range(2 * len(a) // 3)])
-    # From where it differs most from itself: a slow motion is like itself for a while.
-    start = int(again.argmin())
-    best = start + int(again[start:].argmax())
-    return best * period_ms / STEPS if start and again[best] > REPEATS else None
+    return first_return(again, 0.0, REPEATS) * period_ms / STEPS or None
+
+
+def first_return(likeness: Array, unlike: float, alike: float) -> int:
+    """Return the lag of the first maximum above `alike` after the likeness was below `unlike`; 0 if none is.
+
+    A slow motion is like itself for a while, and what repeats exactly as much at each multiple.
+    """
+    apart = np.flatnonzero(likeness < unlike)
+    again = np.flatnonzero(likeness > alike)
+    again = again[again > apart.min(initial=len(likeness))]
+    if not len(again):
+        return 0
+    end = min((k for k in apart if k > again[0]), default=len(likeness))
+    return int(again[0] + likeness[again[0] : end].argmax())
 
 
 def _evenly(activity: Activity, step_ms: float) -> Array:

@@ -89,6 +89,18 @@ def test_a_motion_repeats_after_its_period_and_others_do_not() -> None:
     assert repeats_after_ms(activity(), PERIOD_MS) is None
 
 
+@pytest.mark.parametrize("count", [60, 90, 120])
+@pytest.mark.parametrize("frames", [11.3, 17.0, 23.7])
+def test_a_motion_that_repeats_exactly_does_so_first_after_one_period(count: int, frames: float) -> None:
+    """All of its minima are as deep, and noise makes the last one the deepest."""
+    at = np.arange(count)
+    for phase in range(8):
+        noise = np.random.default_rng(phase).random(count)
+        motion = 1 + 0.9 * np.sin(2 * np.pi * at / frames + phase) + 0.03 * noise
+        repeats_ms = repeats_after_ms((at * PERIOD_MS, motion), PERIOD_MS)
+        assert repeats_ms == pytest.approx(frames * PERIOD_MS, abs=PERIOD_MS / 2)
+
+
 def find(measure: Points, first: Activity, second: Activity, repeats_ms: float = 0.0) -> Any:
     return find_rough_offset(measure, first, second, repeats_ms, PERIOD_MS)
 

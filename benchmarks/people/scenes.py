@@ -94,7 +94,8 @@ def people_of(kind: str, number: int, rng: np.random.Generator) -> list[Motion]:
             walker(place(-1.6, 0) - aside, place(1.6, 0) - aside, rng),
         ]
     if kind == "embrace":
-        pair = [walker(place(sign * 1.3, 0), place(sign * -0.9, 0), rng) for sign in (1, -1)]
+        # Aside from where the others stand: nobody begins within somebody.
+        pair = [walker(place(sign * 1.3, np.pi / 6), place(sign * -0.9, np.pi / 6), rng) for sign in (1, -1)]
         people[:2] = [_halted(one, 0.46 * SECONDS) for one in pair]
     if kind == "two scales":
         people = [

@@ -41,7 +41,7 @@ _COMMANDS = {
         "cut-recording finish",
         "capture-app rig start": "start up run launch init startup boot begin apply-rig deploy deployment "
         "create-rig serve-start daemon",
-        "capture-app rig stop": "stop down quit kill shutdown end halt terminate teardown shut-down "
+        "capture-app rig stop": "stop stop-all down quit kill shutdown end halt terminate teardown shut-down "
         "poweroff exit-rig stop-server kill-server exit close taskkill",
         "capture-app, without a command": "ui tui gui screen app open studio shell console interactive obs "
         "start-ui window desktop bash menu wizard interface attach-screen",
@@ -96,12 +96,12 @@ _COMMANDS = {
         "identify show-recording show-video play-recording see-result",
         "capture-app sessions verify SESSION": "check verify validate fsck cryptcheck checksum md5sum sha256 "
         "hashsum integrity",
-        "capture-app sessions wiggle SESSION": "play wiggle gif animate animation boomerang loop",
+        "capture-app sessions wiggle SESSION": "play replay wiggle gif animate animation boomerang loop",
         "capture-app sessions empty-trash": "purge clean empty-trash prune",
-        "capture-app status": "sync-check sync-status test-sync sync-test nodes info stats state health "
-        "sync synchronize genlock jam jam-sync accuracy clock latency dropped drops top ping pods "
-        "node-status check-sync check-synchronization cluster cluster-info topic topics heartbeat echo hz "
-        "state-of ready readiness sync-state drift jitter bandwidth monitor-status get-state health-check "
+        "capture-app status": "cameras-sync sync-check sync-status test-sync sync-test nodes info stats "
+        "state health sync synchronize genlock jam jam-sync accuracy clock latency dropped drops top ping "
+        "pods node-status check-sync check-synchronization cluster cluster-info topic topics heartbeat echo "
+        "hz state-of ready readiness sync-state drift jitter bandwidth monitor-status get-state health-check "
         "healthcheck",
         "capture-app doctor": "check diagnose test disk card space storage du firewall network wifi "
         "troubleshoot debug self-test selftest lint env environment system-info sysinfo about-system "
@@ -144,7 +144,7 @@ _COMMANDS = {
         "reconstruct view SESSION --out DIR": "orbit flythrough view walk render bullet-time bullettime "
         "freeze freeze-frame visualize visualise plot rviz novel-view",
         "reconstruct view SESSION --page --out DIR": "share publish viewer",
-        "capture-app burst --before N": "replay replay-buffer instant-replay retroactive pre-roll preroll",
+        "capture-app burst --before N": "replay-buffer instant-replay retroactive pre-roll preroll",
         "capture-app burst --wait-s S": "wait wait-for wait-for-device arm",
         "capture-app burst, after the shell's sleep 10": "countdown self-timer timer photobooth",
         "capture-app rig stop, then capture-app rig start": "restart reboot rollout reset reload",
@@ -258,8 +258,8 @@ _COMMANDS = {
         "reconstruct time SESSION": "sync synchronize align offset offsets synchronise time-sync genlock "
         "audio-sync",
         "reconstruct people SESSION --smooth 6 --out DIR": "butterworth lowpass low-pass cutoff",
-        "reconstruct people SESSION --keypoints FOLDER --out DIR": "import-keypoints import-labels "
-        "load-keypoints load-labels",
+        "reconstruct people SESSION --keypoints FOLDER --out DIR": "labels points import-keypoints "
+        "import-labels load-keypoints load-labels",
         "reconstruct people SESSION --out DIR": "gait angles pose2d pose3d markerless pose skeleton mocap "
         "joints keypoints motion-capture human body triangulate c3d bvh trc freemocap mediapipe openpose "
         "opencap anipose deeplabcut dlc fbx label labeled label-3d filter filter-3d filterpredictions "

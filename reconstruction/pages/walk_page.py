@@ -30,6 +30,8 @@ class Drawing(NamedTuple):
     """Each with its number as `instant`."""
     facts: Mapping[str, Any]
     """What else the script reads; `held` is how many instants stay in the GPU's memory."""
+    legend: str = ""
+    """What the drawing's marks mean, for people."""
 
 
 def path_of(
@@ -82,6 +84,7 @@ def write_walk_page(
             name=name,
             cameras=len(views),
             instants=instants,
+            legend=drawing.legend,
             width=first.width,
             height=first.height,
             still=image_address(still, ".jpg"),

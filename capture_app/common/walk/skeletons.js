@@ -1,5 +1,6 @@
 "use strict";
-/* People as bones and joints, each joint within a ball of its error, for `walk.js`; gaps are not drawn. */
+/* People as bones and joints, each joint within a ball of its error, for `walk.js`; gaps are not drawn. An unsure joint,
+   whose error is a large part of the person, is a ring without a ball, which would cover the others. */
 function makePainter({ gl, data, program }) {
   const FLAT = `#version 300 es
   layout(location = 0) in vec2 at; layout(location = 1) in vec4 paint;
@@ -18,7 +19,7 @@ function makePainter({ gl, data, program }) {
   gl.vertexAttribPointer(1, 4, gl.FLOAT, false, 24, 8);
   gl.bindVertexArray(null);
   const COLOURS = [[.15, .71, .67], [.98, .51, .16], [.83, .34, .86], [.91, .71, .34], [.31, .78, .47], [.94, .31, .31]];
-  const GREY = [.42, .46, .52], ROUND = 20;
+  const GREY = [.42, .46, .52], ROUND = 20, UNSURE = .15;
   const screen = { width: 2, height: 2 };
   const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 
@@ -57,22 +58,32 @@ function makePainter({ gl, data, program }) {
       const corners = [[s, 1], [s, -1], [t, 1], [t, -1]].map(([e, f]) => ndc([e[0] + f * aside[0], e[1] + f * aside[1]]));
       shapes.push([(a[2] + b[2]) / 2 + behind, [0, 1, 2, 1, 3, 2].map(k => corners[k]), colour, alpha]);
     }
-    function ball(p, radius, least, colour, alpha, behind) {
+    function ball(p, radius, least, colour, alpha, behind, hollow = 0) {
       const c = local(p);
       if (c[2] < near) return;
       const [x, y] = pixel(c), r = Math.max(least, focal * radius / c[2]);
-      const rim = k => ndc([x + r * Math.cos(2 * Math.PI * k / ROUND), y + r * Math.sin(2 * Math.PI * k / ROUND)]);
-      const corners = Array.from({ length: ROUND }, (_, k) => [ndc([x, y]), rim(k), rim(k + 1)]).flat();
+      const rim = (k, part = 1) =>
+        ndc([x + part * r * Math.cos(2 * Math.PI * k / ROUND), y + part * r * Math.sin(2 * Math.PI * k / ROUND)]);
+      const corners = Array.from({ length: ROUND }, (_, k) =>
+        [rim(k, hollow), rim(k), rim(k + 1), rim(k, hollow), rim(k + 1), rim(k + 1, hollow)]).flat();
       shapes.push([c[2] + behind, corners, colour, alpha]);
     }
     const thin = Math.max(1, height / 700);
     for (const [p, q] of lines) line(p, q, thin, GREY, .35, 1e9);
     people.forEach((joints, number) => {
       const colour = COLOURS[number % COLOURS.length], pale = colour.map(x => .55 + .45 * x);
-      for (const [a, b] of data.bones) if (joints[a] && joints[b]) line(joints[a], joints[b], 5 * thin, colour, 1);
-      for (const joint of joints) if (joint) {
-        ball(joint, joint[3], 0, colour, .18, 1e-3);
-        ball(joint, 0, 3.2 * thin, pale, 1, -1e-3);
+      const known = joints.filter(Boolean), extent = axis => Math.max(...known.map(at => at[axis])) - Math.min(...known.map(at => at[axis]));
+      const size = Math.hypot(...[0, 1, 2].map(extent)), isUnsure = joint => joint[3] > UNSURE * size;
+      for (const [a, b] of data.bones) if (joints[a] && joints[b]) {
+        const unsure = isUnsure(joints[a]) || isUnsure(joints[b]);
+        line(joints[a], joints[b], (unsure ? 2 : 5) * thin, colour, unsure ? .5 : 1);
+      }
+      for (const joint of known) {
+        if (isUnsure(joint)) ball(joint, 0, 4.5 * thin, pale, 1, -1e-3, .6);
+        else {
+          ball(joint, joint[3], 0, colour, .18, 1e-3);
+          ball(joint, 0, 3.2 * thin, pale, 1, -1e-3);
+        }
       }
     });
     shapes.sort((a, b) => b[0] - a[0]);

@@ -21,6 +21,9 @@ MIN_HALF = (0.8, 0.4)
 MAX_RISE = 1.4
 """Angle (radians) up or down beyond which the eye would be above its own head."""
 ALL_ROUND = 1e6
+LEGEND = (
+    "A ball is a joint's error; a ring is an unsure joint, whose error is over 15 % of the person's size."
+)
 
 
 def write_people_page(
@@ -56,6 +59,7 @@ def write_people_page(
             SKELETONS,
             instants,
             {"held": HELD, "bones": people.skeleton.bones, "whole": True},
+            LEGEND,
         ),
     )
 

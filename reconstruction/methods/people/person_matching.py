@@ -34,6 +34,12 @@ UNSEEN = 0.25
 """What a camera that should show an individual and does not is worth, beside 1 for one that shows it well."""
 ONE_BODY = 0.1
 """Median distance of joints below which two individuals are one, relative to their size."""
+MIN_OWN = 0.5
+"""Least fraction of an individual's steps at which detections of its own show it: two, or one where at most
+one camera does not. Those of people half behind others, or one and a poster, agree by chance."""
+SHADE, MUCH_NEARER = 0.07, 3
+"""A detection at most so far from an older individual is not a younger one's own, unless that one is so many
+times nearer."""
 MIN_SHARED = 4
 """Fewest joints by which an individual and a detection are compared."""
 MIRRORED = 0.03
@@ -45,7 +51,9 @@ MIN_KNOWN = 0.25
 """Least fraction of an individual's joints that are located from its first step to its last."""
 MAX_LOST_S = 1.0
 """Time after which an individual that nothing was seen of ends."""
-DRIFT, STRIDE = 0.3, 1.2
+MAX_BLIND_S = 0.25
+"""Time after which one camera alone finds nobody again: it may see a mistake, or somebody else."""
+DRIFT, STRIDE = 0.3, 0.6
 """Largest distance at which an individual is seen again, relative to its size, and its growth a second."""
 MAX_BOTH = 0.5
 """Largest part of a path's times at which another one of the same individual is seen."""
@@ -86,6 +94,8 @@ class Individual:
     names: dict[int, str] = field(default_factory=dict)
     confirmed: list[int] = field(default_factory=list)
     """Steps at which at least two cameras show it."""
+    own: int = 1
+    """Number of steps at which detections of its own show it: see `MIN_OWN`."""
 
     def is_somebody(self, steps: int, known: float = np.inf) -> bool:
         """Whether it is more than an agreement by chance, in so many steps without a long pause.
@@ -130,11 +140,15 @@ class PersonMatcher:
         begins_s = np.array([min(frame_s[camera][k] for camera, k in frames.items()) for frames in steps])
         take = np.cumsum(np.diff(begins_s, prepend=begins_s[:1]) > MAX_LOST_S)
         long = np.bincount(take)
-        return [
-            one
-            for one, path in _joined(paths).items()
-            if one.is_somebody(int(long[take[one.confirmed[0]]]), sum(known for *_, known in path))
-        ]
+        people = list[Individual]()
+        for individual, path in _joined(paths).items():
+            number = int(long[take[individual.confirmed[0]]])
+            # Mistakes of two cameras among many agree for a while.
+            min_places = min(MIN_STEPS, number / 4) * len(self.projections) / 2
+            known = sum(known for *_, known in path)
+            if individual.is_somebody(number, known) and len(individual.places) >= min_places:
+                people.append(individual)
+        return people
 
     def follow(self, frames: Mapping[int, int], times: Mapping[int, float]) -> None:
         """Take the next step in time, by each camera's frame and its time."""
@@ -160,22 +174,23 @@ class PersonMatcher:
                 sure.add(number)
                 for camera, owned in places.items():
                     free[camera] -= {*owned}
-        self._part_bodies(sure, frames)
+        apart = {
+            camera: {n: self._nearest(camera, self.active[n], one, times[camera]) for n in sure}
+            for camera, one in seen.items()
+        }
+        self._end_ghosts(sure, apart, frames)
         # Who is found a second time, or in part, begins nobody.
         for camera, left in free.items():
             taken_here = {place for owned in taken[camera].values() for place in owned}
-            for one in (self.active[number] for number in sure):
-                joints = one.at(times[camera])
-                for again in (joints, joints[self.mirror]):
-                    near = self._distances(camera, again, one.size, seen[camera]) < GATE
-                    left -= {*np.flatnonzero(near).tolist()} - taken_here
+            for number in sure:
+                left -= {*np.flatnonzero(apart[camera][number] < GATE).tolist()} - taken_here
         weak = [one for number, one in enumerate(self.active) if number not in sure]
         self._begin(seen, free, frames, weak, [self.active[n] for n in sure], now_s)
         for number, individual in enumerate(self.active[: len(points)]):
             for camera, owners in taken.items():
                 if (
                     individual in weak
-                    and individual.seen_s < now_s
+                    and now_s - MAX_BLIND_S <= individual.seen_s < now_s
                     and free[camera].issuperset(owners.get(number, [-1]))
                 ):
                     self._follow(individual, camera, seen[camera], owners[number][0], now_s)
@@ -322,16 +337,45 @@ class PersonMatcher:
         individual.joints, individual.seen_s = joints + shift, now_s
         individual.speed = individual.speed * 0.8
 
-    def _part_bodies(self, sure: set[int], frames: Mapping[int, int]) -> None:
-        """End the younger of two individuals on one body."""
-        for first, second in combinations(sorted(sure, key=lambda n: -len(self.active[n].confirmed)), 2):
-            a, b = self.active[first], self.active[second]
-            if {first, second} <= sure and self._on_one_body(a.joints, b.joints, max(a.size, b.size)):
-                sure.remove(second)
-                b.confirmed.pop()
-                b.seen_s = -np.inf
+    def _nearest(self, camera: int, individual: Individual, seen: Detections, time_s: float) -> Array:
+        """Return the distances (n,) of an individual from detections, its sides exchanged or not."""
+        joints, size = individual.at(time_s), individual.size
+        as_it_is, exchanged = (
+            self._distances(camera, sides, size, seen) for sides in (joints, joints[self.mirror])
+        )
+        return np.minimum(as_it_is, exchanged)
+
+    def _end_ghosts(
+        self, sure: set[int], apart: Mapping[int, Mapping[int, Array]], frames: Mapping[int, int]
+    ) -> None:
+        """End individuals on the body of an older one, or of detections that are those of older ones.
+
+        `apart` has the distances of individuals from each camera's detections, by their number.
+        """
+        older = list[int]()
+        for number in sorted(sure, key=lambda n: -len(self.active[n].confirmed)):
+            individual = self.active[number]
+            shown = {
+                camera: places[0]
+                for camera, k in frames.items()
+                if (places := individual.places.get((camera, k)))
+            }
+            own = 0
+            for camera, place in shown.items():
+                limit = min(SHADE, MUCH_NEARER * max(NOISE, apart[camera][number][place]))
+                own += all(apart[camera][other][place] > limit for other in older)
+            individual.own += own > 1 or (own > 0 and len(shown) + 1 >= len(frames))
+            if individual.own < MIN_OWN * len(individual.confirmed) or any(
+                self._on_one_body(individual.joints, other.joints, max(individual.size, other.size))
+                for other in (self.active[n] for n in older)
+            ):
+                sure.remove(number)
+                individual.confirmed.pop()
+                individual.seen_s = -np.inf
                 for at in frames.items():
-                    b.places.pop(at, None)
+                    individual.places.pop(at, None)
+            else:
+                older.append(number)
 
     def _on_one_body(self, joints: Array, others: Array, size: float) -> bool:
         return min(_apart(joints, others), _apart(joints, others[self.mirror])) < ONE_BODY * size

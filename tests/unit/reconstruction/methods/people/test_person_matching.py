@@ -111,6 +111,49 @@ def test_who_is_found_twice_beside_a_poster_is_one() -> None:
     assert np.median(errors_mm(person.positions, walk, times)) < 30
 
 
+def with_detections(
+    frames: dict[str, CameraFrames], camera: str, pixels: dict[int, Floats]
+) -> dict[str, CameraFrames]:
+    """Return a take in whose camera somebody else is detected, by frame: pixels (joints, 2)."""
+    found = dict(frames[camera].joints)
+    for k, more in pixels.items():
+        everybody = np.concatenate([found[k].pixels, more[None]]) if k in found else more[None]
+        found[k] = FrameJoints(everybody, np.ones(everybody.shape[:2]))
+    return frames | {camera: frames[camera]._replace(joints=found)}
+
+
+def test_a_poster_and_a_second_detection_of_somebody_are_nobody() -> None:
+    walk, times = moving("walk"), TIMES_S[:12]
+    frames = take([walk], cameras=5, times_s=times)
+    # A poster in cam0 agrees throughout with who is detected twice in cam1.
+    centre = frames["cam1"].view.centre
+    poster = centre + 0.7 * (walk(times) - centre)
+    for camera, joints in (("cam0", poster), ("cam1", walk(times))):
+        pixels = pixels_of(frames[camera].view, joints)
+        frames = with_detections(frames, camera, dict(enumerate(pixels)))
+    (person,) = finder(frames).at(times).people
+    assert np.median(errors_mm(person.positions, walk, times)) < 30
+
+
+def test_mistakes_of_two_cameras_among_eight_that_agree_for_a_while_are_nobody() -> None:
+    times, other = TIMES_S[:24], moving("walk", (1.2, 0.5))
+    frames = take([moving("walk")], cameras=8, times_s=times)
+    for camera in ("cam2", "cam6"):
+        pixels = pixels_of(frames[camera].view, other(times))
+        frames = with_detections(frames, camera, {k: pixels[k] for k in range(4, 14)})
+    assert len(finder(frames).people) == 1
+
+
+def test_one_camera_alone_does_not_see_again_who_was_lost() -> None:
+    times, walk = np.arange(40) / 20, moving("walk")
+    frames = take([walk], cameras=3, times_s=times)
+    for name, camera in frames.items():
+        there = {*range(8), *range(32, 40), *([19] if name == "cam0" else [])}
+        frames[name] = camera._replace(joints={k: camera.joints[k] for k in there})
+    # Lost for 1.2 s, in which one mistake is where they were.
+    assert len(finder(frames).people) == 2
+
+
 def path(*steps: tuple[float, float]) -> tuple[Individual, Path]:
     """Somebody of 1.7 m at (time, place) of each step, m along an axis."""
     body = np.random.default_rng(0).normal(0, 0.5, (6, 3))

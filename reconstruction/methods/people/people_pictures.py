@@ -19,13 +19,18 @@ COLOURS = ((172, 182, 38), (40, 130, 250), (219, 86, 211), (86, 180, 233), (120,
 """BGR of each person, again from the first after the last."""
 FAR_PX = 1e5
 """Distance of pixels that are not drawn any more."""
+UNSURE = 0.15
+"""Error of a joint relative to the person's size from which it is a ring, as in skeletons.js."""
 PLOT_SIZE = (640, 150)
 PLOTTED = 8
 """Most joints of a person in a plot: those that move most."""
 
 
 def draw_people(image: Array, view: View, found: PeopleInTime, time: int) -> Array:
-    """Return an image with the people of a time: bones, and a disc of the error's size at each joint."""
+    """Return an image with the people of a time: bones, and a disc of the error's size at each joint.
+
+    An unsure joint is a ring, as its disc would hide the others.
+    """
     people = [(number, one.positions[time], one.error[time]) for number, one in enumerate(found.people)]
     return draw_joints(image, view, found.skeleton, people)
 
@@ -53,10 +58,16 @@ def draw_joints(
             for k, (x, y) in zip(ahead.tolist(), pixels.tolist(), strict=True)
             if abs(x) + abs(y) < FAR_PX
         }
+        size = np.linalg.norm(np.ptp(camera[ahead], axis=0)) if len(ahead) else 0.0
+        unsure = error > UNSURE * size
         for a, b in skeleton.bones:
             if a in places and b in places:
-                cv2.line(picture, places[a], places[b], colour, thick, cv2.LINE_AA)
+                width = max(1, thick // 2) if unsure[a] or unsure[b] else thick
+                cv2.line(picture, places[a], places[b], colour, width, cv2.LINE_AA)
         for joint, place in places.items():
+            if unsure[joint]:
+                cv2.circle(picture, place, 3 * thick, colour, max(1, thick // 2), cv2.LINE_AA)
+                continue
             radius = error[joint] * view.focal / camera[joint, 2]
             cv2.circle(shade, place, round(min(radius, 1e4)), colour, -1, cv2.LINE_AA)
             cv2.circle(picture, place, 2 * thick, colour, -1, cv2.LINE_AA)

@@ -34,8 +34,8 @@ _COMMANDS = {
         "capture-interval every",
         "capture-app burst --on-motion": "motion motion-detection watch-trigger wait-event event pir "
         "motion-trigger",
-        "capture-app record": "video film movie rec recording grab-video capture-video vid vids "
-        "screenrecord screencast camcorder videowriter video-writer capture-movie capture-film recorder "
+        "capture-app record": "mp4 mov mkv avi video film movie rec recording grab-video capture-video vid "
+        "vids screenrecord screencast camcorder videowriter video-writer capture-movie capture-film recorder "
         "rec-video cam-record roll clip-record grabar aufnahme aufnehmen enregistrer gravar make-video",
         "capture-app record --stop": "end-recording stop-recording pause stop-record end-record stop-capture "
         "cut-recording finish",
@@ -196,7 +196,7 @@ _COMMANDS = {
         "capture-app panel read SESSION": "timecode-read read-panel",
         "capture-app coverage": "coverage-map board-coverage live-calibration",
         "capture-app record --fps N": "slow-motion slowmo slow-mo high-speed highspeed hfr slow-video",
-        "capture-app record --seconds S": "seconds minutes duration length",
+        "capture-app record --seconds S": "t seconds minutes duration length",
     },
     "capture-app sessions": {
         "capture-app sessions trash SESSION": "delete rm remove del purge",
@@ -229,7 +229,8 @@ _COMMANDS = {
         "texrecon meshing meshroom odm mvsnet cloudcompare dust3r vggt 3d-model pcshow pcd openmvs "
         "reconstruction-3d dense-reconstruction fuse fused tsdf-fusion poisson-recon depth-fusion "
         "depthanything midas",
-        "reconstruct multiview SESSION --mesh --out DIR": "glb gltf mesh poisson mesher poisson-mesher",
+        "reconstruct multiview SESSION --mesh --out DIR": "blend glb gltf mesh poisson mesher poisson-mesher",
+        "reconstruct multiview SESSION --instant N --out DIR": "frame frames instant moment",
         "reconstruct stereo SESSION --out DIR": "disparity sgbm pair rectify stereo-image-proc bm depth-pair "
         "stereo-match",
         "reconstruct calibrate SESSION --mark CAMERA=X,Y --distance-m M": "scale align-gcp gcp height",
@@ -253,7 +254,7 @@ _COMMANDS = {
         "180",
         "reconstruct view SESSION --out DIR": "orbit flythrough walk play render novel-view bullet-time "
         "bullettime wiggle viewer visualize visualise visualization rviz viz plot display rendering "
-        "blend animate animation render-video turntable interpolate slerp fly viser render-anim "
+        "animate animation render-video turntable interpolate slerp fly viser render-anim "
         "render-output open3d meshlab gif film movie mp4 webp",
         "reconstruct time SESSION": "sync synchronize align offset offsets synchronise time-sync genlock "
         "audio-sync",
@@ -288,7 +289,7 @@ _COMMANDS = {
         "capture-app burst": "capture shoot burst",
         "capture-app record": "record video",
         "reconstruct --version": "version",
-        "reconstruct --help": "help",
+        "reconstruct --help": "help config toml options",
         "capture-app sessions trash SESSION": "delete rm remove",
         "capture-app cameras": "cameras devices",
         "capture-app, without a command": "gui ui tui start-ui visualizer-app",
@@ -442,7 +443,8 @@ _OF_A_RIG = {
 _OPTIONS_OF = {
     "capture-app burst": {**_OF_A_RIG, "--frames": "duration length seconds t time"},
     "capture-app record": {
-        "capture-app sessions export SESSION --to mp4": "f format codec vcodec crf bitrate container preset",
+        "capture-app sessions export SESSION --to mp4": "mp4 mov mkv avi f format codec vcodec crf bitrate "
+        "container preset",
         **_OF_A_RIG,
     },
     "capture-app leader": {"--host": "ip bind address listen"},
@@ -795,7 +797,8 @@ def _is_footage(word: str) -> bool:
 
 def _session_at(word: str) -> str:
     """Return the path of the session that a word is, or names in ./sessions; empty for others."""
-    places = (Path(word), Path("sessions", word), Path(word.replace("\\", "/"))) if word else ()
+    word = word.strip("()[]\"',").replace("\\", "/")
+    places = (Path(word), Path("sessions", word)) if word else ()
     return next(
         (place.as_posix() for place in places if os.path.isfile(place / "session.json")),  # noqa: PTH113 - the same
         "",

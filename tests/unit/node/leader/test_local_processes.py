@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+import os
 from collections.abc import AsyncIterator
 from pathlib import Path
 from types import SimpleNamespace
@@ -88,6 +89,8 @@ async def test_simulated_cameras_see_a_scene_from_its_free_views(
 ) -> None:
     order = AddSimulated(cameras=2, scene="studio", options="drops=0,fps=30", tolerance_us=70)
     adding = asyncio.ensure_future(nodes.add_simulated(order, taken=["cam01"]))
+    await asyncio.sleep(1.0)
+    assert not adding.done()
     await opened(started)
     assert await adding == ("cam00", "cam02")
     assert [process.name for process in started] == ["cam00", "cam02"]
@@ -169,6 +172,35 @@ async def test_a_device_that_is_being_closed_is_opened_again_under_the_same_name
     await nodes.aclose()
 
 
+async def test_only_simulated_cameras_are_started_twice_by_one_spec(
+    nodes: LocalNodes, started: list[Process]
+) -> None:
+    for spec in ("sim:perfect", "sim:perfect", "replay:a.mp4", "replay:a.mp4"):
+        adding = asyncio.ensure_future(nodes.add_camera(spec))
+        await opened(started)
+        await adding
+    assert [option(process, "--camera") for process in started] == [
+        "sim:perfect",
+        "sim:perfect",
+        "replay:a.mp4",
+    ]
+    assert len(nodes.specs) == 3
+    with pytest.raises(BadInputError, match="a node named CAM01 already exists"):
+        await nodes.add_simulated(AddSimulated(cameras=7), taken=["CAM01"])
+    await nodes.aclose()
+
+
+async def test_a_password_is_neither_in_a_command_line_nor_in_a_status(
+    nodes: LocalNodes, started: list[Process], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(os, "environ", dict(os.environ))
+    adding = asyncio.ensure_future(nodes.add_camera("rtsp://user:secret@10.0.0.3/x", "cam"))
+    await opened(started)
+    await adding
+    assert option(started[0], "--camera") == nodes.specs["cam"] == "rtsp://user@10.0.0.3/x"
+    await nodes.aclose()
+
+
 async def test_a_node_of_another_machine_is_not_removed_here(nodes: LocalNodes) -> None:
     with pytest.raises(BadInputError, match="cam is not a node of this leader's machine"):
         await nodes.remove("cam")
@@ -209,8 +241,22 @@ async def test_phones_are_invited_by_one_server_until_it_ends(tmp_path: Path, st
     assert (again.done(), len(started)) == (False, 2), "what the last one invited to is gone"
     started[1].say(invitation("https://c"))
     assert (await again).url == "https://c"
+    started[1].end()
+    await asyncio.sleep(1.0)
+    again = asyncio.ensure_future(nodes.phones.invitation())
+    await asyncio.sleep(1.0)
+    started[2].end()
+    with pytest.raises(CameraError, match="the phone server ended"):
+        await again
+    again = asyncio.ensure_future(nodes.phones.invitation())
+    await asyncio.sleep(1.0)
+    started[3].say(invitation("https://d"))
+    await again
+    before = list(log.after(0))
     await nodes.aclose()
-    assert started[1].is_stopped
+    await asyncio.sleep(1.0)
+    assert started[3].is_stopped
+    assert list(log.after(0)) == before, "whoever ends the rig need not be told"
 
 
 async def test_a_phone_server_that_fails_or_is_slow_says_so(

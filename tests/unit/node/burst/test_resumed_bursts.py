@@ -13,7 +13,8 @@ import numpy as np
 import pytest
 
 from capture_app.common.address import Address
-from capture_app.common.errors import BadInputError, DiskFullError, NetworkError, TryAgainError
+from capture_app.common.errors import BadInputError, DiskError, DiskFullError, NetworkError, TryAgainError
+from capture_app.common.timeouts import DISK_RETRY_S
 from capture_app.machine.repair import repair
 from capture_app.node.burst import resumed_bursts
 from capture_app.node.burst.burst_session import BurstSession
@@ -161,6 +162,31 @@ async def test_a_session_without_room_on_its_disk_is_not_opened_again(
     answered = await resumed.answer_finished(report("a", 0), "")
     assert answered is not None
     assert [receipt.instant for receipt in answered.receipts] == [0]
+
+
+async def test_a_session_that_a_full_disk_left_is_finished_once_there_is_room(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    session = await begun_session(tmp_path, "a")
+    await session.suspend()
+    asked, rooms = 0, iter([0, SPARE_BYTES - 1, None, SPARE_BYTES])
+
+    def free_bytes(_: Path) -> int:
+        nonlocal asked
+        asked += 1
+        if (room := next(rooms)) is None:
+            raise DiskError("it does not answer")
+        return room
+
+    monkeypatch.setattr(resumed_bursts, "free_bytes", free_bytes)
+    taken_up: list[BurstSession] = []
+    resumed, loop = ResumedBursts(tmp_path, taken_up.append, DISK), asyncio.get_running_loop()
+    begun_s = loop.time()
+    await resumed.finish_later(session.folder, lambda: 0)
+    assert (asked, [again.folder for again in taken_up]) == (4, [session.folder])
+    assert loop.time() - begun_s >= 4 * DISK_RETRY_S, "the disk is not asked all the time"
+    for again in resumed.sessions():
+        await again.suspend()
 
 
 async def test_repair_without_nodes_finishes_with_what_is_there(tmp_path: Path) -> None:

@@ -65,7 +65,7 @@ class _Stream:
         size = self.channel.unread
         if not self.request.fps or size > MAX_PREVIEW_BYTES:
             return
-        while self.pictures and self.bytes_in_memory + size > MAX_PREVIEW_BYTES:
+        while self.bytes_in_memory + size > MAX_PREVIEW_BYTES:
             self.pictures.popleft()
         if of_others + self.bytes_in_memory + size <= MAX_PREVIEW_BYTES_PER_MACHINE:
             self.arriving_bytes = size

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from capture_app.common.errors import DiskError, DiskFullError, TryAgainError
+from capture_app.common.errors import DiskError, DiskFullError, NetworkError, TryAgainError
 from capture_app.node.burst.intake import Intake
 from capture_app.protocol.messages import ImageBatch
 from capture_app.session.format.manifest import MissingImage
@@ -66,6 +66,49 @@ async def test_images_that_come_during_a_sync_share_the_next(
     with pytest.raises(DiskFullError):
         await last
     assert [writer.image("a", n) is not None for n in range(4)] == [True, True, True, False]
+    writer.abort()
+
+
+async def test_nothing_is_written_beside_work_that_needs_the_session_at_rest(
+    tmp_path: Path, turns: "queue.Queue[None]"
+) -> None:
+    writer = SlowWriter.create(tmp_path, "burst-001")
+    over = asyncio.Event()
+    intake = Intake(writer, DISK, Burst(1, range(4), PERIOD_NS, 0, ("a",)), over, ["a"])
+    first = await intake.receive(ImageBatch(images=(upload("a", 0),)), pieces(IMAGE), (640, 480))
+    await until(lambda: SlowWriter.syncs)
+    is_at_rest, goes_on, saved_before = asyncio.Event(), asyncio.Event(), list[bool]()
+
+    async def rest() -> None:
+        async with intake.at_rest():
+            saved_before.append(first.done())
+            is_at_rest.set()
+            await goes_on.wait()
+            over.set()
+
+    resting = asyncio.create_task(rest())
+    await asyncio.sleep(0)
+    assert (is_at_rest.is_set(), intake.is_saving("a")) == (False, True)
+    turns.put(None)
+    await is_at_rest.wait()
+    batch = ImageBatch(images=(upload("a", 1),))
+    receiving = asyncio.create_task(intake.receive(batch, pieces(IMAGE), (640, 480)))
+    await asyncio.sleep(0)
+    goes_on.set()
+    with pytest.raises(TryAgainError, match="burst 1 is over"):
+        await receiving
+    await resting
+    assert saved_before == [True]
+    assert (intake.is_saving("a"), intake.arrived_bytes("a")) == (False, 2 * len(IMAGE))
+    writer.abort()
+
+
+async def test_more_bytes_than_declared_break_the_stream_off(tmp_path: Path) -> None:
+    writer = SessionWriter.create(tmp_path, "burst-001")
+    intake = Intake(writer, DISK, Burst(1, range(4), PERIOD_NS, 0, ("a",)), asyncio.Event(), ["a"])
+    with pytest.raises(NetworkError, match="a sent more bytes of an image than it declared"):
+        await intake.receive(ImageBatch(images=(upload("a", 0),)), pieces(IMAGE + b"x"), (640, 480))
+    assert writer.image("a", 0) is None
     writer.abort()
 
 

@@ -13,13 +13,15 @@ import numpy as np
 import pytest
 
 from capture_app.common.address import Address
-from capture_app.common.errors import BadInputError, NetworkError, TryAgainError
+from capture_app.common.errors import BadInputError, DiskError, DiskFullError, NetworkError, TryAgainError
+from capture_app.common.timeouts import DISK_RETRY_S
 from capture_app.machine.repair import repair
 from capture_app.node.burst import resumed_bursts
 from capture_app.node.burst.burst_session import BurstSession
 from capture_app.node.burst.resumed_bursts import ResumedBursts, interrupted_folders
 from capture_app.node.camera.spool import Spool
 from capture_app.protocol.log import Log
+from capture_app.session.files.disk import SPARE_BYTES
 from capture_app.session.format.manifest import MissingImage
 from capture_app.session.reading.reader import Session, writing_state
 from capture_app.session.reading.verify import verify
@@ -135,6 +137,56 @@ async def test_the_next_run_takes_up_what_was_interrupted_and_what_comes_late(tm
     stranger = msgspec.structs.replace(report("b", 0, 1), leader=1)
     with pytest.raises(BadInputError, match="no session"):
         await other.reopen(stranger, 0)
+
+
+async def test_a_session_without_room_on_its_disk_is_not_opened_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It could not be finished again, and would have lost its manifest."""
+    session = await begun_session(tmp_path, "a", "b")
+    await session.accept_report(report("a", 0, 1), 0)
+    await receive_image(session, upload("a", 0), pieces(IMAGE))
+    resumed = ResumedBursts(tmp_path, lambda _: None, DISK)
+    await session.finish_now("the rest never came")
+    with monkeypatch.context() as patched:
+        patched.setattr(resumed_bursts, "free_bytes", lambda _: SPARE_BYTES - 1)
+        with pytest.raises(DiskFullError, match="is full"):
+            await resumed.reopen(report("b", 0, 1), 0)
+        assert resumed.sessions() == ()
+        patched.setattr(resumed_bursts, "free_bytes", lambda _: SPARE_BYTES)
+        late = await resumed.reopen(report("b", 0, 1), 0)
+    assert resumed.sessions() == (late,)
+    assert await resumed.reopen(report("b", 0, 1), 0) is late
+    assert await resumed.answer_finished(report("a", 0), "") is None, "it is open, and answers itself"
+    await late.finish_now("the rest never came")
+    answered = await resumed.answer_finished(report("a", 0), "")
+    assert answered is not None
+    assert [receipt.instant for receipt in answered.receipts] == [0]
+
+
+async def test_a_session_that_a_full_disk_left_is_finished_once_there_is_room(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    session = await begun_session(tmp_path, "a")
+    await session.suspend()
+    asked, rooms = 0, iter([0, SPARE_BYTES - 1, None, SPARE_BYTES])
+
+    def free_bytes(_: Path) -> int:
+        nonlocal asked
+        asked += 1
+        if (room := next(rooms)) is None:
+            raise DiskError("it does not answer")
+        return room
+
+    monkeypatch.setattr(resumed_bursts, "free_bytes", free_bytes)
+    taken_up: list[BurstSession] = []
+    resumed, loop = ResumedBursts(tmp_path, taken_up.append, DISK), asyncio.get_running_loop()
+    begun_s = loop.time()
+    await resumed.finish_later(session.folder, lambda: 0)
+    assert (asked, [again.folder for again in taken_up]) == (4, [session.folder])
+    assert loop.time() - begun_s >= 4 * DISK_RETRY_S, "the disk is not asked all the time"
+    for again in resumed.sessions():
+        await again.suspend()
 
 
 async def test_repair_without_nodes_finishes_with_what_is_there(tmp_path: Path) -> None:

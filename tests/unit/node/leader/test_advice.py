@@ -1,14 +1,17 @@
 """The one sentence for a whole rig: what keeps it from being ready, and what to do."""
 
 import dataclasses
+from collections.abc import Mapping
 
 from msgspec.structs import replace
 
 from capture_app.common.camera_facts import StampAccuracy, StampSource
 from capture_app.common.node_state import NodeState
 from capture_app.common.text import duration
-from capture_app.node.leader.readiness import rig_advice
+from capture_app.node.leader.readiness import review_rates, rig_advice
+from capture_app.protocol.event_text import off_rate_line
 from capture_app.sync.rig.roster import Member
+from capture_app.sync.timekeeping.rates import HostOffRate, RateVote
 from capture_app.sync.wire.datagrams import Report
 from tests.facts import make_facts
 
@@ -72,3 +75,35 @@ def test_a_ready_rig_is_told_whose_stamps_nobody_has_measured() -> None:
     assert "stamp error of web not measured except against hall (±20 ms)" in rig_advice(
         [view("a"), joined], LEADER, 0
     )
+
+
+def test_a_clock_that_runs_at_another_rate_is_named_before_what_is_under_way() -> None:
+    off = {"b": HostOffRate("b", -80.0), "a": HostOffRate("a", 40.0), None: HostOffRate(None, 50.0)}
+    nodes = [view("a"), view("b"), view("c", NodeState.ALIGNING)]
+    said = rig_advice(nodes, LEADER, 0, off)
+    assert said == off_rate_line(off["b"], str) + " (and 2 more nodes)"
+    assert rig_advice(nodes, LEADER, 0, {"gone": HostOffRate("gone", 40.0)}).startswith("the clock of gone")
+    failed = [*nodes, view("d", NodeState.FAILED, "no frames")]
+    assert rig_advice(failed, LEADER, 0, off) == "d is failed: no frames"
+
+
+def test_rates_are_compared_of_nodes_whose_clocks_are_known() -> None:
+    compared: list[dict[str, float]] = []
+
+    class Vote(RateVote):
+        def review(self, rates_ppm: Mapping[str, float]) -> list[HostOffRate]:
+            compared.append(dict(rates_ppm))
+            return [HostOffRate("a", 40.0)]
+
+    def node(name: str, state: NodeState, skew_ppm: float | None) -> Member:
+        return dataclasses.replace(view(name), report=Report(state=state, skew_ppm=skew_ppm))
+
+    nodes = [
+        node("a", NodeState.READY, 40.0),
+        node("b", NodeState.SYNCING, 10.0),
+        node("c", NodeState.DEGRADED, -3.0),
+        node("d", NodeState.READY, None),
+        node("e", NodeState.LOST, 1.0),
+    ]
+    assert review_rates(Vote(), nodes) == [HostOffRate("a", 40.0)]
+    assert compared == [{"a": -40.0, "c": 3.0}]

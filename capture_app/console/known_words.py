@@ -274,7 +274,7 @@ _COMMANDS = {
         "roto sam mask-out silhouettes silhouette",
         "reconstruct trajectory SESSION --out DIR": "track ball path tracking tracker camera-tracker object "
         "track-object motion",
-        "reconstruct compare SESSION --out DIR": "evaluate eval quality report summarize summary psnr ssim "
+        "reconstruct compare SESSION --out DIR": "evaluate eval report summarize summary psnr ssim "
         "benchmark benchmarks metrics validate score stats check verify error errors quality-check "
         "accuracy",
         "reconstruct board FILE": "make-board print-board charuco chessboard checkerboard",
@@ -791,7 +791,14 @@ def _is_footage(word: str) -> bool:
     # os.path's raise for no word.
     return bool(
         (word.casefold().endswith(FOOTAGE) and not re.search(r"(\A|[/\\])out[^/\\]*\Z", word))
-        or (word.strip("./") and not _shaped(word) and os.path.isdir(word) and not _session_at(word))  # noqa: PTH112
+        or (
+            word.strip("./")
+            and not _shaped(word)
+            and os.path.isdir(word)  # noqa: PTH112
+            and not _session_at(word)
+            # Nor is the folder of the sessions.
+            and not any(Path(word).glob("*/session.json"))
+        )
     )
 
 

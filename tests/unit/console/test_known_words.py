@@ -369,6 +369,7 @@ def test_a_first_line_of_another_program_is_answered(line: str, capfd: pytest.Ca
         "capture-app run --rm -it take1 > reconstruct multiview sessions/take1 --out DIR",
         "reconstruct ns-process-data take1 > capture-app sessions export sessions/take1 --to nerfstudio",
         "capture-app sessions\\\\take1 > capture-app sessions show sessions/take1",
+        "capture-app list sessions > capture-app sessions list",
         "capture-app pull take1 ./here > capture-app sessions export sessions/take1",
         "capture-app timecode take1 > capture-app sessions show sessions/take1",
         "reconstruct undistort take1 -o out > capture-app sessions export sessions/take1 --to splats",

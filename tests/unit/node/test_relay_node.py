@@ -14,7 +14,8 @@ from capture_app.common.node_state import NodeState
 from capture_app.net.channel import connect
 from capture_app.net.server import bind_port
 from capture_app.node import relay_node
-from capture_app.node.relay_node import RelayNode, RelayOptions
+from capture_app.node.endpoint import PortOptions
+from capture_app.node.relay_node import RelayNode
 from capture_app.protocol.log import Log
 from capture_app.protocol.messages import BurstRequest, FromLeader, Refusal
 from capture_app.rig.rig_link import ask_status
@@ -27,7 +28,7 @@ pytestmark = [pytest.mark.usefixtures("open_rig"), pytest.mark.virtual]
 
 async def start_relay(*parents: Address, **options: Any) -> RelayNode:
     place = {"host": "127.0.0.1", "port": 0, "log": Log(), **options}
-    return await RelayNode.start(RelayOptions(name="hall", parents=parents, **place))
+    return await RelayNode.start("hall", parents, PortOptions(**place))
 
 
 async def test_a_relay_without_a_leader_answers_a_status_and_nothing_else(tmp_path: Path) -> None:

@@ -135,8 +135,9 @@ def find_rough_offset(
     if not tried:
         return reason
     votes, best_ms = max(tried)
-    # The amount of motion repeats each time that a pendulum comes by: twice in a period.
-    lags = {repeats_ms, *(repeats_after_ms(camera, period_ms) for camera in (first, second))}
+    # The amount of motion repeats each time that a pendulum comes by: twice in a period. What the images
+    # tell is more accurate.
+    lags = [repeats_ms, *(repeats_after_ms(camera, period_ms) for camera in (first, second))]
     rivals = [best_ms + n * lag for lag in lags if lag for n in (-2, -1, 1, 2)]
     rivals += [other_ms for other, other_ms in tried if votes < DISTINCT * other]
     equal = [best_ms]

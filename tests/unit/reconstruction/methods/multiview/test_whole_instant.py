@@ -15,7 +15,7 @@ from capture_app.session.format.calibration import Calibration
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.take_sheet import PAIR_DEPTH
 from reconstruction.common.geometry import Array, View
-from reconstruction.methods.multiview import instant_maps, instant_scoring, sequence
+from reconstruction.methods.multiview import instant_maps, instant_scoring, multiview_method, sequence
 from reconstruction.methods.multiview.fusion import FusedCloud
 from reconstruction.methods.multiview.input_images import InputImages, prepare_images, undistorted_truth
 from reconstruction.methods.multiview.instant_maps import match_instants
@@ -247,6 +247,8 @@ def test_a_sequence_leaves_out_an_instant_and_says_why(
     """Left has no image 66 ms after the last instants."""
     out = tmp_path / "out"
     match_truly(monkeypatch, Dataset(trio))
+    # Whether rerun is there or not.
+    monkeypatch.setattr(multiview_method, "load_optional", lambda *_: None)
     monkeypatch.setattr(sequence, "write_recording", lambda file, *_: file.write_bytes(b"recording"))
     progress = Steps(out)
     options = Multiview(
@@ -262,8 +264,15 @@ def test_a_sequence_leaves_out_an_instant_and_says_why(
     assert result.mover_f_score_1cm == result.instants[0].movers_1cm.f_score
     assert (out / "sequence.rrd").read_bytes() == b"recording"
     assert progress.texts[-3:] == ["instant 1", "instant 4", "the recording"]
+
+
+def test_a_sequence_without_a_cloud_is_refused(
+    trio: Session, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    match_truly(monkeypatch, Dataset(trio))
+    options = Multiview(instants=(4,), width=160, without=("right",), mesh=False, check=False)
     with pytest.raises(BadInputError, match="no instant gave a cloud; instant 4: "):
-        msgspec.structs.replace(options, instants=(4,)).make([trio.folder], tmp_path / "none", condition=late)
+        options.make([trio.folder], tmp_path / "none", condition=Condition.parse("left=66"))
     assert not (tmp_path / "none").exists()
 
 

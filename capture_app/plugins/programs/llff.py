@@ -21,6 +21,8 @@ from capture_app.session.importing.views import EXPORT_AGAIN, View, Views, pinho
 
 MAX_BYTES = 1 << 20
 """Maximum size of a file, bytes; a camera has 136."""
+MAX_NUMBER = 1e12
+"""Numbers of cameras are smaller; products of much larger ones overflow."""
 _POSES = "poses_bounds.npy"
 
 
@@ -79,8 +81,8 @@ def _read_rows(path: Path) -> Array:
         shape, is_by_columns, kind = np.lib.format.read_array_header_1_0(file)
         numbers = np.frombuffer(file.read(), kind).astype(np.float64)
         rows = numbers.reshape(shape, order="F" if is_by_columns else "C")
-        if rows.ndim != 2 or not np.isfinite(rows).all():
-            raise ValueError("it is not a table of finite numbers")
+        if rows.ndim != 2 or not (np.abs(rows) < MAX_NUMBER).all():
+            raise ValueError(f"it is not a table of numbers below {MAX_NUMBER:g}")
         return rows
 
 

@@ -405,6 +405,7 @@ def test_a_scene_of_llff_is_a_camera_an_image(tmp_path: Path) -> None:
         (np.array([[{}]]), "cannot read .* as an array"),
         (np.array(3.0), "cannot read .* as an array"),
         (np.full((2, 17), np.nan), "cannot read .* as an array"),
+        (np.full((2, 17), 1e200), "cannot read .* as an array .*numbers below 1e.12"),
         (b"\x93NUMPY\x01\x00v\x00{'descr': '<f8', 'fortran_order': False, 'shape': (99999999999,), }\n",
          "cannot read .* as an array"),
     ],

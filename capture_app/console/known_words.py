@@ -643,12 +643,13 @@ def advise(error: click.UsageError, typed_line: Sequence[str] = ()) -> str:
     extra = _TOO_MANY.fullmatch(error.message.rstrip("."))
     if error.ctx is None or not (extra or isinstance(error, click.NoSuchOption | click.NoSuchCommand)):
         return _in_our_words(error, typed_line)
-    if place := _at_place(error, error.ctx, typed_line, footage):
+    session = next(filter(None, map(_session_at, typed_line[:_MAX_WORDS])), "")
+    own, every = _tables(error, error.ctx, has_session=bool(names and session))
+    if place := _at_place(error, error.ctx, typed_line, footage, every):
         return place
     unknown, typed = _unknown(error, extra[1] if extra else "", typed_line)
     if extra and not footage and (option := _option_for(extra[1], error.ctx)):
         return f"{unknown} ({option})"
-    own, every = _tables(error, error.ctx, typed_line)
     split = (word.split("=", 1) if word[:2] == "--" else [word] for word in typed_line[:_MAX_WORDS])
     words = [word for parts in split for word in parts if not _NUMBER.fullmatch(word)]
     at = words.index(typed) if typed in words else len(words)
@@ -667,7 +668,6 @@ def advise(error: click.UsageError, typed_line: Sequence[str] = ()) -> str:
     value = [word for word in after[:1] if word[:1] != "-"]
     others = [word for word in (*after, *before) if not (word in files or os.path.lexists(word))]
     asked = [typed, *([*others, *["footage"][: len(files)]] if names else value)]
-    session = next(filter(None, map(_session_at, typed_line[:_MAX_WORDS])), "")
     places = {"SOURCE": footage, "SESSION": session}
     ranked = every.ranked(asked) or [_OF_A_SESSION[path.split()[0]]] * bool(session and names)
     # What was typed is not an answer.
@@ -709,9 +709,7 @@ def _unknown(error: click.UsageError, extra: str, typed_line: Sequence[str]) -> 
     return f"No such option '{typed}'", typed
 
 
-def _tables(
-    error: click.UsageError, ctx: click.Context, typed_line: Sequence[str]
-) -> tuple[_Tables, _Tables]:
+def _tables(error: click.UsageError, ctx: click.Context, *, has_session: bool) -> tuple[_Tables, _Tables]:
     """Return the table of the command where a line ended, and all tables, the nearest first."""
     path, root, names, options = ctx.command_path, ctx.find_root(), _names(ctx), _options(ctx)
     known: Mapping[str, str] = {f"{path} {name} --help": f"help-{name}" for name in names}
@@ -722,7 +720,6 @@ def _tables(
     ours = {f"{at.command_path} {name}": name for at in (ctx, root) for name in _names(at)}
     programs = [_COMMANDS.get(name, {}) for name in (root.command_path, "capture-app", "reconstruct")]
     own = {**known, **_COMMANDS.get(path, {})}
-    has_session = names and any(map(_session_at, typed_line[:_MAX_WORDS]))
     of_session = "capture-app sessions" if has_session else ""
     every = (
         _COMMANDS.get(of_session, {}),
@@ -756,7 +753,9 @@ def _takes(ctx: click.Context) -> str:
     )
 
 
-def _at_place(error: click.UsageError, ctx: click.Context, typed_line: Sequence[str], footage: str) -> str:
+def _at_place(
+    error: click.UsageError, ctx: click.Context, typed_line: Sequence[str], footage: str, tables: _Tables
+) -> str:
     """Return what to do with a file, a session or a folder in place of a command; empty for others."""
     word = error.command_name if isinstance(error, click.NoSuchCommand) else ""
     then = _OF_A_SESSION.get(ctx.find_root().command_path, "")
@@ -764,7 +763,6 @@ def _at_place(error: click.UsageError, ctx: click.Context, typed_line: Sequence[
         return f"'{word}' is a file: capture-app sessions import {footage or word} imports it, then {then}"
     # A program without a command is asked by all words of its line.
     words = [word] if word else typed_line[:_MAX_WORDS] if ctx.parent is None else []
-    tables = _tables(error, ctx, typed_line)[1]
     if session := next(filter(_session_at, words), ""):
         others = [other for other in typed_line[:_MAX_WORDS] if other != session]
         line = next((line for line in tables.ranked(others) if " SESSION" in line), then)

@@ -69,7 +69,8 @@ class ReceiptTimes:
 
     def _read(self) -> tuple[int, int]:
         # In this order, so that a delay between the two readings makes the time late, not early.
-        return self._realtime(), self._monotonic()
+        real_ns = self._realtime()
+        return real_ns, self._monotonic()
 
 
 class SinglePeerEngine:

@@ -87,7 +87,8 @@ def add_backdrop(moment: Moment) -> Moment:
 def _is_empty(seen: SeenView, moment: Moment) -> Array:
     """Return the pixels (bool) in whose neighbourhood no camera's map has a surface."""
     empty = (seen.depth == 0) & (surface_seen(seen.view, moment) == 0)
-    return np.asarray(cv2.erode(empty.astype(np.uint8), np.ones((MARGIN_PX, MARGIN_PX), np.uint8)) > 0)
+    around = np.ones((MARGIN_PX, MARGIN_PX), np.uint8)
+    return np.asarray(cv2.erode(empty.astype(np.uint8), around) > 0)
 
 
 def _sphere_depth(view: View, pixels: Array, centre: Array, radius: float) -> Array:

@@ -231,10 +231,8 @@ def _candidate(scene: Scene, options: CalibrateOptions) -> _Candidate:
         case CalibrationSource.SFM:
             fisheyes = options.lens is LensModel.FISHEYE
             calibration = calibrate_from_images(scene.motion, options.field_of_view_deg, fisheyes=fisheyes)
-            return _Candidate(
-                calibration=calibration,
-                shared=_still_points(scene.features.middle, calibrated_views(scene.dataset, calibration)),
-            )
+            views = calibrated_views(scene.dataset, calibration)
+            return _Candidate(calibration=calibration, shared=_still_points(scene.features.middle, views))
         case _:
             return _from_elsewhere(scene, options.source)
 

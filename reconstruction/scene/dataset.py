@@ -308,11 +308,8 @@ class Dataset:
     def unsynchronized(self) -> str:
         """Description of times too uncertain to assign images to instants; empty if the times are good."""
         times = self.session.manifest.burst.common_times
-        return (
-            ""
-            if times is None or any(self.time_shifts_ms.values())
-            else times.why_not_synchronized(self.period_ns)
-        )
+        shifted = any(self.time_shifts_ms.values())
+        return "" if times is None or shifted else times.why_not_synchronized(self.period_ns)
 
     @property
     def staggered(self) -> str:
@@ -327,7 +324,8 @@ class Dataset:
         All are 0 if no two cameras share a delay, as then no moment has depth.
         """
         delays_ns = {name: self.session.camera(name).delay_ns for name in self.cameras}
-        return delays_ns if len({*delays_ns.values()}) < len(delays_ns) else dict.fromkeys(delays_ns, 0)
+        shared = len({*delays_ns.values()}) < len(delays_ns)
+        return delays_ns if shared else dict.fromkeys(delays_ns, 0)
 
     def planned_delay_ms(self, first: str, second: str) -> float:
         """Return by how much the second camera's images were planned to be later than the first's, ms."""

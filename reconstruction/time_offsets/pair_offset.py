@@ -309,7 +309,7 @@ class PairOffsets:
         Unknown if the offset before a step has no images after it, or the other one none before it: what
         repeats agrees at another offset there.
         """
-        if fit.offset_ms is None or self.dataset.unsynchronized:
+        if fit.offset_ms is None or not fit.change.steps or self.dataset.unsynchronized:
             # Images of the same instant may be of any two times.
             return fit
         shift, steps = round(fit.offset_ms * 1e6 / self.dataset.period_ns), list[Step]()

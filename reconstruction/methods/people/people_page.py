@@ -9,6 +9,7 @@ import numpy as np
 from capture_app.common.walk import SKELETONS
 from reconstruction.common.camera_paths import frame_of
 from reconstruction.common.geometry import Array, View
+from reconstruction.methods.people.people_pictures import UNSURE
 from reconstruction.methods.people.people_run import PeopleInTime
 from reconstruction.pages.walk_page import Drawing, path_of, write_walk_page
 
@@ -22,7 +23,8 @@ MAX_RISE = 1.4
 """Angle (radians) up or down beyond which the eye would be above its own head."""
 ALL_ROUND = 1e6
 LEGEND = (
-    "A ball is a joint's error; a ring is an unsure joint, whose error is over 15 % of the person's size."
+    f"A ball is a joint's error; a ring is an unsure joint, whose error is over {100 * UNSURE:.0f} % of the"
+    " person's size."
 )
 
 

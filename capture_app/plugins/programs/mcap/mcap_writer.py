@@ -165,11 +165,8 @@ def _ros(kind: str, *values: Any, **fields: Any) -> Any:
 def _place(camera: str, calibration: Calibration) -> Any:
     """Return ROS's transform from a camera to the rig."""
     at, rotation = _pose(calibration.cameras[camera], calibration)
-    return _ros(
-        f"{_GEOMETRY}/Transform",
-        _ros(f"{_GEOMETRY}/Vector3", **at),
-        _ros(f"{_GEOMETRY}/Quaternion", **rotation),
-    )
+    quaternion = _ros(f"{_GEOMETRY}/Quaternion", **rotation)
+    return _ros(f"{_GEOMETRY}/Transform", _ros(f"{_GEOMETRY}/Vector3", **at), quaternion)
 
 
 def ros_topics(cameras: Iterable[str]) -> dict[str, str]:

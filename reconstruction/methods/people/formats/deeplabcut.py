@@ -69,9 +69,8 @@ def _labels(columns: Sequence[Sequence[str]], numbers: Sequence[int], values: Ar
     for (name, joint, coordinate), column in zip(columns, values.T, strict=True):
         axis = ("x", "y", "likelihood").index(coordinate)
         table[:, names.index(name), joints.index(joint), axis] = column
-    return Labels(
-        Skeleton(tuple(joints), ()), numbers, table[..., :2], np.nan_to_num(table[..., 2]), tuple(names)
-    )
+    skeleton = Skeleton(tuple(joints), ())
+    return Labels(skeleton, numbers, table[..., :2], np.nan_to_num(table[..., 2]), tuple(names))
 
 
 READER = JointReader(program="DeepLabCut", suffixes=(".csv", ".h5"), read=read)

@@ -72,9 +72,8 @@ def _add_person(
     }
     still = document.add_array("<f4", np.tile(np.eye(4).ravel(), (len(joints), 1)))
     skin = document.add("skins", joints=[*moved], inverseBindMatrices=still)
-    return document.add(
-        "nodes", name=name, mesh=document.add("meshes", primitives=[surface]), skin=skin
-    ), moved
+    mesh = document.add("meshes", primitives=[surface])
+    return document.add("nodes", name=name, mesh=mesh, skin=skin), moved
 
 
 WRITER = JointWriter(write=write, one_person=False)

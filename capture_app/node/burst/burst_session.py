@@ -379,7 +379,7 @@ class BurstSession:
                     await self._save_plan(self._choice.requested)
         except DiskError as error:
             self.trouble = str(error)
-            if isinstance(error, DiskFullError) and self.burst.streamed:
+            if self.burst.streamed:
                 self._note_disk_error(error)
             raise
         self.trouble = ""
@@ -459,8 +459,12 @@ class BurstSession:
             self._note_disk_error(error)
 
     def _note_disk_error(self, error: DiskError) -> None:
-        """Finish the burst, unless more is to come: then its cameras store it until the disk has room."""
-        if isinstance(error, DiskFullError) and self.burst.streamed and self._now_ns < self._ends_ns:
+        """Finish the burst, unless more is to come: then its cameras store it until the disk accepts it.
+
+        What a person has deleted is not awaited.
+        """
+        is_deleted = isinstance(error.__cause__, FileNotFoundError)
+        if self.burst.streamed and not is_deleted and self._now_ns < self._ends_ns:
             self.trouble = f"{error}; the cameras keep their images meanwhile"
         else:
             is_full = isinstance(error, DiskFullError)

@@ -158,6 +158,9 @@ class AppendOnlyFile:
         """Append lines (without newlines), all or none; with `durable`, wait until they are on disk."""
         data = b"".join(line + b"\n" for line in lines)
         try:
+            if os.fstat(self._handle).st_size > self._length:
+                # A failing disk did not remove what it had not written completely.
+                os.ftruncate(self._handle, self._length)
             write_all(self._handle, data)
             if durable:
                 system.sync_data(self._handle)

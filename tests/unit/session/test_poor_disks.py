@@ -13,6 +13,7 @@ from capture_app.cli import run
 from capture_app.common.errors import ExitCode, TryAgainError
 from capture_app.machine.doctor import disk
 from capture_app.session.files.abilities import missing_abilities
+from capture_app.session.files.durable import AppendOnlyFile
 from capture_app.session.files.locks import lock_file, lock_folder
 from capture_app.session.library.changes import rename_session, set_note, trash_session
 from capture_app.session.reading.reader import Session, is_being_written
@@ -83,3 +84,24 @@ def test_a_lock_keeps_out_the_other_processes_of_this_machine(lacking: set[str],
 
 def test_a_machine_has_its_key(lacking: set[str], tmp_path: Path) -> None:
     assert load_identity(tmp_path / "trust").pin == load_identity(tmp_path / "trust").pin
+
+
+def test_a_line_that_a_failing_disk_neither_took_nor_removed_is_removed_before_the_next(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """Else a reader finds a torn line in the middle, or two lines of one image."""
+
+    def fail(*_: Any) -> None:
+        raise OSError(errno.EIO, os.strerror(errno.EIO))
+
+    file = AppendOnlyFile(tmp_path / "lines")
+    file.append(b"first", durable=True)
+    with monkeypatch.context() as failing:
+        failing.setattr(os, "fdatasync", fail)
+        failing.setattr(os, "fsync", fail)
+        failing.setattr(os, "ftruncate", fail)
+        with pytest.raises(OSError, match=os.strerror(errno.EIO)):
+            file.append(b"second", durable=True)
+    file.append(b"third", durable=True)
+    file.close()
+    assert (tmp_path / "lines").read_bytes() == b"first\nthird\n"

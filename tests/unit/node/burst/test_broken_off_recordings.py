@@ -2,6 +2,7 @@
 
 import asyncio
 import dataclasses
+import errno
 import shutil
 import threading
 import time
@@ -147,11 +148,14 @@ async def test_a_recording_goes_on_while_the_leaders_disk_is_full(small_disk: Pa
     assert (len(done.burst.instants_ns), done.missing) == (30, ())
 
 
-async def test_a_recording_ends_its_cameras_where_the_leaders_disk_fails(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("why", ["its disk fails", "a person deletes it"])
+async def test_a_recording_goes_on_while_the_leaders_disk_fails_but_not_once_it_is_deleted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, why: str
 ) -> None:
+    is_deleted = why == "a person deletes it"
+
     def fail(*_: Any, **__: Any) -> None:
-        raise DiskError("the disk failed")
+        raise DiskError("the disk failed") from (FileNotFoundError() if is_deleted else OSError(errno.EIO))
 
     engine = engine_of("a")
     async with bursts_of(tmp_path, engine) as bursts:
@@ -162,13 +166,26 @@ async def test_a_recording_ends_its_cameras_where_the_leaders_disk_fails(
         monkeypatch.setattr(StillClock, "shown_ns", session.burst.instants_ns[9])
         with monkeypatch.context() as failing:
             failing.setattr(SessionWriter, "append", fail)
+            failing.setattr(SessionWriter, "set_plan", fail)
             with pytest.raises(DiskError):
                 await bring(session, "a", 2)
-            await until(session.finished.is_set)
-        (ordered,) = {trigger.count for trigger in triggers_sent(engine, StillClock.shown_ns)}
-        assert 9 < ordered < 30
-        instants = whole(session.folder).manifest.burst.instants_ns
-        assert len(instants) == ordered, "its cameras have frames until then"
+            with pytest.raises(DiskError):
+                await session.accept_report(
+                    report("a", 2).with_plan(picking=True), session.burst.instants_ns[9]
+                )
+            if not is_deleted:
+                assert session.status.message == "the disk failed; the cameras keep their images meanwhile"
+        if not is_deleted:
+            await bring(session, "a", *range(2, 30))
+            await session.accept_report(report("a").with_plan(picked=30), session.burst.instants_ns[-1])
+        await until(session.finished.is_set)
+        ordered = {trigger.count for trigger in triggers_sent(engine, StillClock.shown_ns)}
+        instants = len(whole(session.folder).manifest.burst.instants_ns)
+        if is_deleted:
+            assert ordered == {instants}, "its cameras have frames until then"
+            assert 9 < instants < 30
+        else:
+            assert (instants, whole(session.folder).manifest.missing) == (30, ())
 
 
 async def test_a_leader_that_is_stopped_counts_what_its_cameras_have_recorded_until_then(

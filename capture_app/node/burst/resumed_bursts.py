@@ -132,7 +132,7 @@ class ResumedBursts:
             if (folder := await asyncio.to_thread(self._find, key)) is None:
                 raise BadInputError(
                     f"burst {report.burst} of that leader has no session in {self._root}",
-                    hint="move its session back there, then run: capture-app sessions repair SESSION",
+                    hint="move its session back there: its images follow within five minutes",
                 )
             if free_bytes(folder) < SPARE_BYTES:
                 raise DiskFullError(f"the disk of {folder} is full", hint="make room on the leader")

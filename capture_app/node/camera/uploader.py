@@ -50,6 +50,8 @@ REFUSED_S = (*RETRY_S, 8.0, 16.0)
 """Delays before a burst is offered again whose images the leader cannot save at present: longer than those of
 a stream, as each offer costs the link the images on their way."""
 SPACE_EVERY_S = 30.0
+OFFER_AGAIN_S = 300.0
+"""Interval at which refused bursts are offered again: a person may have moved their session back."""
 MAX_WAITING_BURSTS = 64
 MAX_NAMED = 5
 """Maximum number of foreign files that are named at the start."""
@@ -325,6 +327,8 @@ class Uploader:
         self._encoding: asyncio.Task[None] | None = None
         self._stream: Channel[Any] | None = None
         self._roots: Collection[str] = ()
+        self._said = set[str]()
+        """Refusals that were reported."""
 
     @property
     def is_busy(self) -> bool:
@@ -417,7 +421,7 @@ class Uploader:
     async def run(self) -> None:
         """Encode frames and send images to the leader, until cancelled."""
         async with asyncio.TaskGroup() as tasks:
-            for work in (self._encode_all(), self._send_all(), self._sync_spool()):
+            for work in (self._encode_all(), self._send_all(), self._sync_spool(), self._offer_again()):
                 tasks.create_task(work)
 
     async def aclose(self) -> None:
@@ -448,11 +452,19 @@ class Uploader:
             # The stream to a relay that lost power might never be closed otherwise.
             self._stream.abort()
         self.leader, self._run = leader, run
+        self._reopen_refused()
+        self._space_is_due = True
+
+    def _reopen_refused(self) -> None:
         for burst in self._bursts:
             if burst.state is UploadState.REFUSED:
                 burst.reopen()
-        self._space_is_due = True
         self._changed.set()
+
+    async def _offer_again(self) -> None:
+        while True:
+            await asyncio.sleep(OFFER_AGAIN_S)
+            self._reopen_refused()
 
     async def _encode_all(self) -> None:
         """Encode pending frames, and move each to its burst's images.
@@ -620,8 +632,10 @@ class Uploader:
             burst.take(UploadInput.REFUSED)
             if burst.spooled is not None and burst.spooled.folder.exists():
                 where = f"; its images stay in {burst.spooled.folder}: delete that folder to drop them"
-        if refusal is not None:
-            self._log.say(f"burst {burst.report.burst} given up: {refusal.as_error()}{where}")
+        why = f"burst {burst.report.burst} given up: {refusal.as_error()}{where}" if refusal else ""
+        if why and why not in self._said:
+            self._said.add(why)
+            self._log.say(why)
         if not where and burst in self._bursts:
             self._bursts.remove(burst)
 

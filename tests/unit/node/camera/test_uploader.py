@@ -275,6 +275,31 @@ async def test_a_burst_whose_session_was_removed_is_named_with_what_to_do(tmp_pa
     assert said == [f"{what}; its images stay in {folder}: delete that folder to drop them", what]
 
 
+async def test_a_burst_whose_session_is_moved_back_is_delivered_by_a_node_that_runs_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its leader does not know the node's images until they are offered again; one refusal is said once."""
+    monkeypatch.setattr("capture_app.node.camera.uploader.OFFER_AGAIN_S", 0.01)
+    refusals, saved = list[CameraReport](), asyncio.Event()
+
+    def answer(report: CameraReport) -> ReportAck | Refusal:
+        if len(refusals) == 3:
+            return ReportAck()
+        refusals.append(report)
+        return Refusal(what="burst 1 of that leader has no session in /rig")
+
+    async def serve(channel: Channel[ToLeader]) -> None:
+        async for _, payload in images(channel, answer):
+            assert payload == b"0"
+            saved.set()
+
+    async with uploading(serve, said := list[str](), Spool(tmp_path, "a")) as uploader:
+        uploader.add_burst(burst_upload(Picture(b"0")))
+        await saved.wait()
+        await until(lambda: not uploader._bursts)
+    assert len(said) == 1
+
+
 async def test_the_oldest_of_too_many_bursts_is_given_up_while_the_leader_is_lost() -> None:
     said: list[str] = []
     uploader = Uploader("a", 1, Log(said.append))

@@ -33,6 +33,8 @@ MOVED, LONG_FRAMES = "a longer frame took its time, which keeps the camera in ph
 """Reason of a gap at a move of the phase, and the frames that a move may lengthen."""
 NOT_STARTED = "its node was not running yet"
 """Reason of a gap before the first frame that a node has had."""
+GAVE_NONE, GAVE_NONE_PERIODS = "the camera gave no frames", 15
+"""Reason of a gap further than so many periods from any frame: its camera, or its node, stood still."""
 SLEPT = "its machine slept"
 """Reason of a gap before the first frame after a sleep of the machine."""
 LEFT_RING = "it had left the ring buffer"
@@ -298,10 +300,12 @@ class CameraGrid:
             if is_same_instant(pick.residual_ns, self.rig_grid.period_ns):
                 return pick
             if stamp_ns != ring.oldest_local_ns or stamp_ns < target_ns:
-                return Gap(instant, MOVED if self._is_near_move(target_ns) else DROPPED)
+                is_far = abs(stamp_ns - target_ns) > GAVE_NONE_PERIODS * self.rig_grid.period_ns
+                reason = MOVED if self._is_near_move(target_ns) else DROPPED
+                return Gap(instant, GAVE_NONE if is_far else reason)
         if first_ns is not None and target_ns < first_ns:
             return Gap(instant, ring.why_before)
-        return Gap(instant, "the camera gave no frames" if nearest is None else LEFT_RING)
+        return Gap(instant, GAVE_NONE if nearest is None else LEFT_RING)
 
 
 @dataclass(slots=True)

@@ -84,6 +84,14 @@ def test_a_dropped_frame_leaves_a_gap_and_shifts_nothing() -> None:
     assert [(gap.instant, gap.reason) for gap in gaps] == [(1, "the camera dropped the frame")]
 
 
+def test_a_camera_that_stood_still_for_long_has_not_dropped_its_frames() -> None:
+    """As when it was plugged in again, or its node's process was stopped; nor has a move lengthened one."""
+    ring = ring_of([n * PERIOD_NS for n in range(100) if not 20 <= n < 80])
+    _, gaps = pick_frames(ring, time_map(), tuple(n * PERIOD_NS for n in (20, 34, 35, 64, 65, 79)), PERIOD_NS)
+    short, still = "the camera dropped the frame", "the camera gave no frames"
+    assert [gap.reason for gap in gaps] == [short, short, still, still, short, short]
+
+
 def test_a_frame_in_the_middle_of_two_instants_belongs_to_the_first_of_them_alone() -> None:
     selection, grid = FrameSelection[int](), CameraGrid(FrameGrid(0, 1000))
     selection.add(Trigger(0, 1, 1, 0, 1000, 3))

@@ -129,7 +129,9 @@ def judge(manifest: Manifest, *, arriving: bool = False) -> Verdict:
     gaps = _common_gaps(manifest) if missing else ""
     completeness = "; ".join(filter(None, (absence, worst, _completeness(missing, expected, sync, gaps))))
     if arriving:
-        completeness = f"{len(manifest.images)} of {count(expected, 'image')}, {missing} arriving"
+        # What nobody took does not arrive.
+        here = f"{len(manifest.images)} of {count(expected, 'image')}, {len(manifest.missing)} arriving"
+        completeness = "; ".join(filter(None, (manifest.burst.absence, here)))
     headline = f"{purpose}; {completeness}"
     if not manifest.images and not arriving:
         # Nothing was taken whose times could be good or poor.

@@ -100,7 +100,10 @@ def test_a_take_without_an_image_was_not_taken_and_has_no_grade() -> None:
     verdict = judge(take(missing=reasons))
     assert (verdict.grade, verdict.headline) == ("unknown", "not taken: left, right: the node is not ready")
     assert judge(take()).headline == "not taken: 4 of 4 images missing"
-    assert judge(take(), arriving=True).headline.endswith("0 of 4 images, 4 arriving")
+    assert judge(take(missing=reasons), arriving=True).headline.endswith("0 of 4 images, 4 arriving")
+    cut = replace(take(missing=reasons), burst=replace(BURST, ordered=9))
+    said = judge(cut, arriving=True).headline
+    assert said.endswith("cut off after 2 of 9 instants; 0 of 18 images, 4 arriving")
 
 
 def test_a_take_that_lacks_a_third_of_its_images_is_poor_however_well_synchronized() -> None:

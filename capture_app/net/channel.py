@@ -268,6 +268,9 @@ class Channel(Generic[M], AbstractAsyncContextManager["Channel[M]"]):
                 hint="use fewer cameras in one rig, or shorter names",
             )
         try:
+            if self._writer.is_closing():
+                # asyncio would print a line for each further part that is written.
+                raise ConnectionResetError("Connection lost")
             self._writer.write(_PREFIX.pack(MAGIC, len(header), payload_bytes) + header)
             # Without a wait in between, because other tasks may send on this stream too.
             for payload in payloads:

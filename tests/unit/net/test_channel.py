@@ -74,6 +74,17 @@ async def test_a_message_that_is_too_large_is_not_sent() -> None:
             await channel.send(Ping(1), bytes(MAX_PAYLOAD_BYTES), b"1")
 
 
+async def test_of_what_is_sent_over_a_stream_that_was_broken_off_no_part_is_reported(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    """asyncio logs each write after the fifth, and a node's log shows that."""
+    async with serving(echo) as address, await connect(address, Pong) as channel:
+        channel.abort()
+        with pytest.raises(NetworkError, match="the connection broke off: Connection lost"):
+            await channel.send(Ping(1), *[b"part"] * 9)
+    assert caplog.messages == []
+
+
 async def test_a_server_that_stops_ends_its_streams() -> None:
     async with serving(echo) as address:
         channel = await connect(address, Pong)

@@ -303,7 +303,9 @@ def _run(command: click.Command, name: str, arguments: Sequence[str]) -> int:
             os.dup2(nowhere.fileno(), sys.stdout.fileno())
         return ExitCode.FAILURE
     except OSError as error:
-        return _fail(name, str(error), ExitCode.FAILURE, error)
+        # Without Python's number of the error.
+        what = f"{error.filename}: {error.strerror}" if error.filename and error.strerror else str(error)
+        return _fail(name, what, ExitCode.FAILURE, error)
     # With standalone_mode off, click returns the code of an early exit, such as --help, or None.
     return code if isinstance(code, int) else ExitCode.OK
 

@@ -169,7 +169,8 @@ def obstacle(leader: Address, by_udp: ProbeAnswer, by_tcp: ProbeAnswer, *, is_th
         (
             by_tcp is ProbeAnswer.CAME,
             f"{leader} accepts TCP connections, but does not answer UDP",
-            f"allow UDP through its firewall, for example: {opened}/udp; or it is not a leader's port",
+            f"allow UDP through its firewall, for example: {opened}/udp; or a leader there hangs,"
+            " or it is not a leader's port",
         ),
         (
             ProbeAnswer.REFUSED in answers,

@@ -48,6 +48,8 @@ HELLOS = 3
 """Number of unanswered hellos after which another leader is asked, if there is one."""
 NO_ANSWER = "no leader answers: is it running, and does its firewall let UDP through?"
 """Status text of a client whose hellos are not answered."""
+STOPPED, FORGOT = "the leader has stopped", "the leader was restarted, or had lost this node"
+"""Why a leader no longer knows a client."""
 
 TimeClientEvent = Joined | LeaderNotice | ClockEvent
 
@@ -150,7 +152,7 @@ class TimeClient:
                 if self.timekeeper.take_reply(message, now_ns):
                     self._heard_ns = now_ns
             case UnknownMember() if self.is_addressed(message):
-                self.lose("the leader has stopped" if message.stops else "the leader was restarted", now_ns)
+                self.lose(STOPPED if message.stops else FORGOT, now_ns)
                 self.hellos = HELLOS if message.stops else self.hellos
             case HeartbeatAck() | Trigger() | Notice() if self.is_addressed(message):
                 self._heard_ns = now_ns

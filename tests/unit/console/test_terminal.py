@@ -1,5 +1,6 @@
 """What both command lines print: tables, progress, mistakes."""
 
+import errno
 import json
 import os
 import pty
@@ -54,6 +55,8 @@ def command(rate: float, how: str, as_json: bool) -> None:
         raise BadInputError("no\nsession", hint="name another")
     if how == "stop":
         raise KeyboardInterrupt
+    if how == "locked":
+        raise PermissionError(errno.EACCES, "Permission denied", "/rig/session.json")
     if as_json:
         print_json({"rate": rate})
     else:
@@ -79,6 +82,7 @@ def command(rate: float, how: str, as_json: bool) -> None:
         (("--rat", "1"), ExitCode.USAGE, "", "Did you mean '--rate'?"),
         (("--how", "bad"), ExitCode.BAD_INPUT, "", "it: error: no session (name another)"),
         (("--how", "stop"), ExitCode.INTERRUPTED, "", ""),
+        (("--how", "locked"), ExitCode.FAILURE, "", "it: error: /rig/session.json: Permission denied\n"),
     ],
 )
 def test_a_command_line_ends_with_a_code_and_at_most_a_line(

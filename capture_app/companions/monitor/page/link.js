@@ -16,7 +16,7 @@ memory.set("key", key);
 
 // Calls onMessage(object), onPicture(key, bytes) and onLost(words, isRefused).
 class Link {
-  constructor(handlers) { this.handlers = handlers; this.socket = null; }
+  constructor(handlers) { this.handlers = handlers; this.socket = null; this.heard = 0; }
 
   say(type, fields = {}) {
     if (this.socket && this.socket.readyState === WebSocket.OPEN) this.socket.send(JSON.stringify({type, ...fields}));
@@ -45,6 +45,7 @@ class Link {
     const socket = new WebSocket((location.protocol === "https:" ? "wss://" : "ws://") + location.host + "/link/" + ticket);
     socket.binaryType = "arraybuffer";
     socket.onmessage = event => {
+      this.heard = performance.now();
       if (typeof event.data === "string") { this.handlers.onMessage(JSON.parse(event.data)); return; }
       const bytes = new Uint8Array(event.data), end = 1 + bytes[0];
       this.handlers.onPicture(new TextDecoder().decode(bytes.subarray(1, end)), bytes.subarray(end));
@@ -54,7 +55,7 @@ class Link {
       if (event.code === BAD_PAGE) this.handlers.onLost(event.reason, true);
       else this.retry(event.reason || "The connection to the monitor's server was lost.");
     };
-    socket.onopen = () => this.handlers.onOpen();
+    socket.onopen = () => { this.heard = performance.now(); this.handlers.onOpen(); };
     this.socket = socket;
   }
 

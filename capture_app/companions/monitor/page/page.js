@@ -3,7 +3,7 @@
 const seen = id => document.getElementById(id);
 const STATES = {joining: "joining", syncing: "clock …", aligning: "aligning …", lost: "lost", failed: "stopped"};
 const GOOD = ["ready", "coarse"];
-const MIN_TILE_PX = 104, GAP_PX = 6;
+const MIN_TILE_PX = 104, GAP_PX = 6, SILENT_MS = 10_000;
 // A picture says how old it is once it is older than the rig allows, or than the newest beside it.
 let oldS = Infinity, apartS = Infinity;
 const tiles = new Map();
@@ -172,16 +172,24 @@ function showAges() {
     said.textContent = [state, old ? ago(age) : ""].filter(Boolean).join(", ");
   }
 }
-setInterval(showAges, 1000);
+setInterval(() => {
+  showAges();
+  if (link.socket?.readyState === WebSocket.OPEN) showState();
+}, 1000);
+
+// A socket stays open for minutes after its network has gone; pictures of a ready camera come about once a second.
+const isSilent = cameras => cameras.some(camera => GOOD.includes(camera.state)) && performance.now() - link.heard > SILENT_MS;
+const lostWords = cameras => rigLost || (isSilent(cameras) ? "The monitor's server has not been heard for 10 s. Is this device still in the same WiFi?" : "");
 
 function showState() {
   const cameras = [...tiles.values()].map(tile => tile.camera).filter(Boolean);
   const ready = cameras.filter(camera => GOOD.includes(camera.state)).length;
-  document.body.classList.toggle("off", Boolean(rigLost));
-  document.body.classList.toggle("good", !rigLost && cameras.length > 0 && ready === cameras.length);
+  const lost = lostWords(cameras);
+  document.body.classList.toggle("off", Boolean(lost));
+  document.body.classList.toggle("good", !lost && cameras.length > 0 && ready === cameras.length);
   const state = cameras.length === ready ? `${ready} ${ready === 1 ? "camera" : "cameras"} ready` : `${ready} of ${cameras.length} cameras ready`;
-  seen("state").textContent = rigLost ? "No leader" : cameras.length ? state : "No cameras yet";
-  seen("advice").textContent = rigLost || (seen("advice").dataset.rig || "").replace(`${state}, `, "");
+  seen("state").textContent = rigLost ? "No leader" : lost ? "No connection" : cameras.length ? state : "No cameras yet";
+  seen("advice").textContent = lost || (seen("advice").dataset.rig || "").replace(`${state}, `, "");
   showCourse();
 }
 

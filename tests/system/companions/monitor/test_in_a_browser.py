@@ -112,6 +112,10 @@ async def test_ten_cameras_are_live_and_the_button_takes(
             await browser.tap(f"[data-kind={kind}]")
             said = "startsWith('No depth')" if kind == "depth" else "trim() === ''"
             await browser.shows(f"document.getElementById('absent').textContent.{said}")
+        # As when its network has gone: the socket stays open, and brings nothing.
+        await browser.ask("link.socket.onmessage = () => {}; link.heard -= 20000; 0")
+        await browser.shows("document.getElementById('state').textContent === 'No connection'")
+        assert await browser.ask("document.getElementById('shutter').disabled"), "no take may begin later"
     finally:
         browser.kill()
 

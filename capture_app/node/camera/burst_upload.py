@@ -32,6 +32,7 @@ from capture_app.sync.rig.frame_selection import DROPPED, RING_BYTES, FramesSele
 BATCH_BYTES = 2 << 20
 """Length of the batches in which images are sent; a larger image is a batch of its own."""
 TOO_SLOW = "the node could not store its frames as fast as the camera delivered them"
+NO_SPOOL = "its node's spool could not be written, and its memory was full"
 
 
 def encode_frame(
@@ -290,7 +291,7 @@ class Upload:
         )
         for frame in filter(lambda of: self._is_needed(of.instant), picked.frames):
             if held_bytes + frame.frame.picture.held_bytes > self.max_bytes:
-                self._note_missing(frame.instant, TOO_SLOW)
+                self._note_missing(frame.instant, TOO_SLOW if self.spooling else NO_SPOOL)
             else:
                 held_bytes += frame.frame.picture.held_bytes
                 self.frames.append(frame)

@@ -10,7 +10,7 @@ from msgspec.structs import replace
 from capture_app.common.errors import DamagedImageError
 from capture_app.net.channel import Channel
 from capture_app.node.burst.plans import check_report
-from capture_app.node.camera.burst_upload import TOO_SLOW, Upload, UploadInput, encode_frame
+from capture_app.node.camera.burst_upload import NO_SPOOL, TOO_SLOW, Upload, UploadInput, encode_frame
 from capture_app.node.camera.spool import Spool, SpoolFolder
 from capture_app.protocol.messages import (
     CameraReport,
@@ -91,9 +91,12 @@ def test_frames_that_turn_out_to_be_missing_after_later_ones_are_told_in_order()
 def test_frames_beyond_the_memory_for_them_are_missing_with_the_reason() -> None:
     upload = streamed(1, *(Picture(b"x" * 100) for _ in range(5)), max_bytes=250)
     assert [frame.instant for frame in upload.frames] == [0, 1]
-    upload.extend(further(over=5, ended=True))
+    upload.spooling = False
+    sixth = burst_upload(*[Picture(b"x" * 100)] * 6).frames[5]
+    upload.extend(further(sixth, over=6, ended=True))
     assert upload.current_report(tuple(upload.images)).plan.missing_runs == (
         MissingRun(first=2, count=3, reason=TOO_SLOW),
+        MissingRun(first=5, count=1, reason=NO_SPOOL),
     )
 
 

@@ -495,6 +495,9 @@ class ActiveBursts:
                 self._stop_cameras(session)
             self._silent = (self._silent - {*session.burst.clients}) | session.silent_cameras()
             del self._bursts[number]
+        if session.trouble:
+            # It ended with it: that does not show that the disk is usable again.
+            self._trouble = ""
         self._event_log.note(status)
         if isinstance(session.failure, DiskError) and status.burst not in self._cancelled:
             self._background.start(self.resumed.finish_later(session.folder, self.now_ns))

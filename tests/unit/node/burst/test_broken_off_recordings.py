@@ -236,6 +236,26 @@ async def test_a_recording_whose_disk_is_full_at_its_end_is_whole_once_there_is_
     assert (len(done.burst.instants_ns), done.missing) == (30, ())
 
 
+async def test_a_take_that_ends_with_its_disks_trouble_does_not_call_the_disk_usable(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("capture_app.node.leader.bursts.SILENCE_CHECK_S", 0.001)
+    async with bursts_of(tmp_path, engine_of("a")) as bursts:
+
+        def said() -> list[str]:
+            return [line.text for line in bursts._options.log.after(0) if "disk" in line.text]
+
+        for trouble in ("its disk failed", "its disk failed again"):
+            session = await bursts.order(RECORDING)
+            await begin(session, "a")
+            await bring(session, "a", 0)
+            session.trouble = trouble
+            await until(lambda trouble=trouble: said()[-1:] == [f"leader: {trouble}"])
+            await session.finish_now("cut off")
+            await until(lambda: not bursts._bursts)
+    assert len(said()) == 2
+
+
 async def test_a_recording_whose_folder_is_removed_ends_and_acknowledges_nothing_more(tmp_path: Path) -> None:
     async with bursts_of(tmp_path, engine_of("a")) as bursts:
         session = await bursts.order(RECORDING)

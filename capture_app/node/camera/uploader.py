@@ -52,6 +52,8 @@ a stream, as each offer costs the link the images on their way."""
 SPACE_EVERY_S = 30.0
 OFFER_AGAIN_S = 300.0
 """Interval at which refused bursts are offered again: a person may have moved their session back."""
+SAY_AFTER_S = 5.0
+"""Time without an answer of the leader after which that is reported; the stream breaks off much later."""
 MAX_WAITING_BURSTS = 64
 MAX_NAMED = 5
 """Maximum number of foreign files that are named at the start."""
@@ -153,10 +155,7 @@ class Sender:
                 burst, refusal = refused
                 if not refusal.retry:
                     return burst, refusal
-                why = f"images of burst {burst.report.burst} wait: {refusal.as_error()}"
-                if why not in self._said:
-                    self._said.add(why)
-                    self._log.say(why)
+                self._say_once(f"images of burst {burst.report.burst} wait: {refusal.as_error()}")
                 burst.put_off(now() + REFUSED_S[min(burst.attempts, len(REFUSED_S) - 1)])
 
     def _next_unsent(self) -> tuple[Upload, list[ImageUpload]] | None:
@@ -260,11 +259,24 @@ class Sender:
             raise NetworkError("the leader sent an unexpected answer")
         return answer
 
+    def _say_once(self, why: str) -> None:
+        if why not in self._said:
+            self._said.add(why)
+            self._log.say(why)
+
     async def _receive(self) -> FromLeader:
         """Return the leader's next message, other than that it is still saving images."""
+        waits = (
+            f"images wait: no answer from {self._channel.peer} for {SAY_AFTER_S:.0f} s"
+            " (check the network on both machines: capture-app doctor)"
+        )
         while True:
             hint = LARGE_ARE_LOST if self._channel.has_spoken else ""
-            answer = await next_message(self._channel, UPLOAD_ANSWER_TIMEOUT_S, hint)
+            saying = asyncio.get_running_loop().call_later(SAY_AFTER_S, self._say_once, waits)
+            try:
+                answer = await next_message(self._channel, UPLOAD_ANSWER_TIMEOUT_S, hint)
+            finally:
+                saying.cancel()
             if not isinstance(answer, ImageAck) or answer.sha256 is not None:
                 return answer
 

@@ -300,6 +300,26 @@ async def test_a_burst_whose_session_is_moved_back_is_delivered_by_a_node_that_r
     assert len(said) == 1
 
 
+async def test_images_that_a_leader_does_not_confirm_are_said_to_wait_before_the_stream_breaks_off(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """As on a path that drops TCP, or large packets, for half a minute; they come when it does not."""
+    monkeypatch.setattr("capture_app.node.camera.uploader.SAY_AFTER_S", 0.02)
+    passes = asyncio.Event()
+
+    async def serve(channel: Channel[ToLeader]) -> None:
+        async for _ in images(channel):
+            await passes.wait()
+
+    async with uploading(serve, said := list[str]()) as uploader:
+        uploader.add_burst(burst_upload(Picture(b"0")))
+        await until(lambda: said)
+        passes.set()
+        await until(lambda: not uploader._bursts)
+    (line,) = said
+    assert line.startswith("images wait: no answer from 127.0.0.1:")
+
+
 async def test_the_oldest_of_too_many_bursts_is_given_up_while_the_leader_is_lost() -> None:
     said: list[str] = []
     uploader = Uploader("a", 1, Log(said.append))

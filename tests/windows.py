@@ -18,6 +18,7 @@ FILES = {
 }
 """By their paths in tests/unit."""
 TESTS: dict[str, str] = {
+    "test_readers_that_look_for_a_writer_are_none": "locks are names there, which nobody shares",
     "test_a_trash_that_is_a_link_is_left_alone_and_the_reason_is_given": _LINKS,
     "test_paths_out_of_the_session_are_refused": _LINKS,
     "test_a_pipe_in_a_session_keeps_nobody_waiting": "Windows has no pipes in folders",

@@ -1,5 +1,6 @@
 """Sessions are written whole, read back as written, and never believed without a check."""
 
+import os
 import subprocess
 import sys
 from dataclasses import replace
@@ -8,8 +9,11 @@ from pathlib import Path
 import msgspec
 import pytest
 
+from capture_app.common import system
 from capture_app.common.clock import SimulatedClock
 from capture_app.common.errors import BadInputError, ExitCode, IncompleteError, SimulshotError
+from capture_app.session.files.durable import PART, write_atomic
+from capture_app.session.files.locks import lock_handle
 from capture_app.session.format.manifest import JOURNAL, MANIFEST, BurstRecord, ImageRecord, inside
 from capture_app.session.library.listing import list_sessions
 from capture_app.session.reading.reader import Session, is_being_written
@@ -123,6 +127,19 @@ def test_two_writers_never_share_a_session(tmp_path: Path) -> None:
     assert not is_being_written(writer.folder)
     with pytest.raises(IncompleteError, match="incomplete"):
         Session.open(writer.folder)
+
+
+def test_readers_that_look_for_a_writer_are_none(session: Session) -> None:
+    another = system.open_folder(session.folder)
+    lock_handle(another, shared=True)
+    assert not is_being_written(session.folder)
+    os.close(another)
+
+
+def test_what_a_crash_left_of_a_file_is_not_in_the_next_one(tmp_path: Path) -> None:
+    (tmp_path / f"plan{PART}").write_bytes(b"what a crash left")
+    write_atomic(tmp_path / "plan", b"new")
+    assert (tmp_path / "plan").read_bytes() == b"new"
 
 
 def test_abort_keeps_and_discard_deletes(tmp_path: Path) -> None:

@@ -152,6 +152,17 @@ def test_what_is_left_of_a_torn_line_moves_no_other(tmp_path: Path) -> None:
     assert lines.read_bytes() == first + third
 
 
+def test_a_line_that_lacks_only_its_end_is_not_continued(tmp_path: Path) -> None:
+    writer = SessionWriter.create(tmp_path, "torn")
+    save_frames(writer, *(frame("left", instant) for instant in range(2)))
+    writer.abort()
+    lines = tmp_path / "torn" / LINES
+    lines.write_bytes(lines.read_bytes()[:-1])
+    with SessionWriter(tmp_path / "torn", "torn") as resumed:
+        assert list(resumed.instants_of("left")) == [0]
+        assert verify(record(resumed)) == []
+
+
 def test_bytes_after_the_last_whole_frame_are_set_aside(tmp_path: Path) -> None:
     writer = SessionWriter.create(tmp_path, "torn")
     save_frames(writer, *(frame("left", instant) for instant in range(2)))

@@ -42,7 +42,7 @@ def test_the_latest_of_a_name_comes_back_first(tmp_path: Path) -> None:
     assert [one.id for one in trashed_sessions(tmp_path)] == ["small", "small-2", "small-3"]
     restored = [
         restore_session(tmp_path, "small-2"),
-        restore_session(tmp_path, "small-3", name="third"),
+        restore_session(tmp_path, name="third"),
         restore_session(tmp_path, name="first"),
     ]
     created = [Session.open(folder).manifest.created for folder in restored]

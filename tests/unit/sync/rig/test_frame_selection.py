@@ -151,6 +151,10 @@ def test_a_ring_buffer_takes_no_more_memory_than_it_may_but_has_the_newest_two_f
     assert (len(ring), ring.oldest_local_ns) == (3, 2)
     ring.add(5, "a large frame", size_bytes=1000)
     assert (len(ring), ring.oldest_local_ns) == (2, 4)
+    ring.clear_after_sleep(6)
+    for number in range(6, 9):
+        ring.add(number, "a frame", size_bytes=30)
+    assert (len(ring), ring.oldest_local_ns) == (3, 6), "what was dropped counts no more"
 
 
 def test_a_camera_without_frames_leaves_gaps() -> None:

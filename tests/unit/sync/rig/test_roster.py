@@ -23,6 +23,7 @@ from capture_app.sync.wire.datagrams import (
     Hello,
     MemberReports,
     Report,
+    UnknownMember,
     Welcome,
 )
 from tests.facts import make_facts
@@ -269,6 +270,19 @@ def test_a_camera_that_moves_to_another_relay_takes_part_without_a_pause(leader:
     assert leader.trigger(S, BurstOrder(frames=1)).clients == ("cam",), (
         "of the other nothing but a hello was heard"
     )
+
+
+def test_a_number_from_before_a_move_is_unknown(leader: Leader) -> None:
+    """The relay that a camera has left reports it lost, though it is here."""
+    former = joined(leader, "cam", S)
+    beat(leader, former, S)
+    moved = Hello("cam", len("cam"), make_facts(period_ns=USUAL_NS), "gate")
+    leader.receive_datagram(encode(moved), ("gate", 0), S)
+    assert changes(leader) == ["joined", "moved"]
+    leader.datagrams_to_send(S)
+    leader.receive_datagram(encode(Heartbeat(former, Report(state=NodeState.LOST))), ("cam", 0), S)
+    assert [decode(data) for data, _ in leader.datagrams_to_send(S)] == [UnknownMember(former)]
+    assert changes(leader) == []
 
 
 def test_cameras_of_one_machine_alone_align_nothing() -> None:

@@ -150,6 +150,24 @@ def test_nobody_goes_back_and_forth_with_a_parent_that_comes_and_goes(ups: list[
     assert back <= 1 + max(3.0, math.log2(1.0 + total_s / 60.0) + total_s / 960.0)
 
 
+def test_a_parent_that_has_stayed_for_long_is_believed_as_soon_as_at_first() -> None:
+    parents, now_ns = (("a", 0), ("b", 0)), 0
+    client = TimeClient("me", 1, Timekeeper(1))
+    choice, answers = LeaderChoice(parents, client), []
+    client.followed = RigConfigMessage(leader=7, anchor_leader_ns=0, period_ns=33_333_333)
+    for stays_s in (1, 1, 1000, 1):
+        join_second(choice, client, now_ns)
+        answers.append(0)
+        while choice.probe_if_due(now_ns := choice.probe_due_ns) is None:
+            choice.note_answer(parents[0])
+            answers[-1] += 1
+        choice.change_to(parents[0], now_ns)
+        now_ns += stays_s * S
+        client.number = None
+        choice.update(now_ns)
+    assert answers == [MIN_ANSWERS, 2 * MIN_ANSWERS, 4 * MIN_ANSWERS, MIN_ANSWERS]
+
+
 class FarLeader:
     """A camera's client as the tree knows nodes: with an address on everything."""
 

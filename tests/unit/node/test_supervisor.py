@@ -200,6 +200,19 @@ async def test_a_camera_that_falls_silent_is_opened_again(monkeypatch: pytest.Mo
     running.cancel()
 
 
+@pytest.mark.virtual
+async def test_a_camera_that_pauses_now_and_then_is_not_opened_again() -> None:
+    bench = Bench()
+    await bench.start()
+    camera = await bench.next_camera()
+    failing = asyncio.create_task(bench.supervisor._next_failure())
+    for stream in range(10):
+        camera.on_frame(frame(stream))
+        await asyncio.sleep(3.0)
+    assert not failing.done()
+    failing.cancel()
+
+
 async def test_a_sleep_is_noticed_before_the_frames_after_it(
     bench: Bench, monkeypatch: pytest.MonkeyPatch
 ) -> None:

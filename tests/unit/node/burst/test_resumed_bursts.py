@@ -162,6 +162,9 @@ async def test_a_session_without_room_on_its_disk_is_not_opened_again(
     answered = await resumed.answer_finished(report("a", 0), "")
     assert answered is not None
     assert [receipt.instant for receipt in answered.receipts] == [0]
+    again = await resumed.reopen(report("b", 0, 1), 0)
+    assert not again.finished.is_set(), "it was finished, and takes images once more"
+    await again.finish_now("the rest never came")
 
 
 async def test_a_session_that_a_full_disk_left_is_finished_once_there_is_room(

@@ -107,6 +107,8 @@ async def test_a_cancelled_burst_is_forgotten_by_its_nodes(tmp_path: Path) -> No
         late = replace(report("b", 0, 1), burst=number)
         with pytest.raises(UnwantedImageError):
             await bursts.find_session(late, "")
+        with pytest.raises(BadInputError, match="no session"):
+            await bursts.find_session(replace(late, leader=LEADER + 1), "")
         again = await order(bursts)
         assert again.burst.number > number
         assert again.folder.name == "burst-002", "what somebody has noted of burst-001 is of no other"
@@ -125,6 +127,19 @@ def test_an_answer_to_the_end_of_a_burst_does_not_say_who_takes_part(what: str) 
     else:
         orders.end(burst, 5, NOW_NS)
     assert orders.take_ack(member, ack) is None
+
+
+def test_a_late_answer_to_a_trigger_does_not_confirm_its_cancellation() -> None:
+    orders, grid = (engine := engine_of("a")).orders, engine.grid
+    member = engine.roster.members["a"]
+    burst = orders.place(grid, NOW_NS, BurstOrder(frames=3))
+    orders.cancel(burst, NOW_NS)
+    assert not orders.is_busy(NOW_NS), "the rig may change its grid at once"
+    ack = TriggerAck(member.number, LEADER, burst.number)
+    assert orders.take_ack(member, ack) is None
+    assert [trigger.count for trigger in triggers_sent(engine)] == [0]
+    assert orders.take_ack(member, replace(ack, refusal=CANCELLED)) is None
+    assert triggers_sent(engine, NOW_NS + 10**9) == []
 
 
 def test_a_camera_that_answers_no_trigger_takes_no_part() -> None:

@@ -30,6 +30,7 @@ from capture_app.rig.rig_link import ask_leader
 from capture_app.sync.rig.burst_orders import BurstOrder
 from tests.cheap_rig import start_leader
 from tests.facts import make_facts
+from tests.unit.node.bursts import report
 from tests.unit.node.joining import joined
 from tests.unit.node.test_limits import join_many
 
@@ -210,6 +211,21 @@ async def test_a_camera_that_sends_nonsense_is_left_out_of_its_bursts_and_may_go
         ]
         await channel.send(stream)
         assert isinstance(await channel.receive_header(), ReportAck)
+
+
+async def test_a_camera_whose_stream_has_ended_is_not_awaited_as_if_it_were_open(leader: LeaderNode) -> None:
+    async with joined(leader.own_address, ("cam0", 1)):
+        taking = leader.bursts.take(BurstRequest(frames=1, spare=0))
+        run, number = leader.engine.config.instance, (await anext(taking)).burst
+        async with await connect(leader.own_address, FromLeader) as channel:
+            for message in (
+                NodeStream(camera="cam0", instance=1),
+                msgspec.structs.replace(report("cam0", 0), leader=run, burst=number),
+            ):
+                await channel.send(message)
+                assert isinstance(await channel.receive_header(), ReportAck)
+        last = [status async for status in taking][-1]
+        assert [of.problem for of in last.transfer] == ["it sent nothing"]
 
 
 class Nonsense(msgspec.Struct, tag="spool-space"):

@@ -46,11 +46,14 @@ async def test_without_a_take_it_is_beside_the_sessions(tmp_path: Path) -> None:
         for text in ("one", "two"):
             placed = await place_mark(address, text)
             assert (placed.sessions, placed.file) == ((), str(tmp_path / "sessions" / RIG_MARKS))
+        earlier_ns = time.perf_counter_ns() - 60 * 10**9
+        mark = (await place_mark(address, "a minute ago", earlier_ns)).mark
+        assert abs(mark.leader_ns - host_from_monotonic(earlier_ns)) <= mark.uncertainty_ns
         for text in ("", "two\nlines", "x" * 201, "\x1b[2J"):
             with pytest.raises(BadInputError, match="a mark cannot have"):
                 await place_mark(address, text)
     lines = (tmp_path / "sessions" / RIG_MARKS).read_bytes().splitlines()
-    assert [mark.text for mark in marks_of(lines)] == ["one", "two"]
+    assert [mark.text for mark in marks_of(lines)] == ["one", "two", "a minute ago"]
 
 
 @pytest.mark.parametrize("role", [None, Role.CAMERA])

@@ -14,6 +14,7 @@ import asyncio
 import sys
 from collections.abc import AsyncGenerator, AsyncIterator
 from contextlib import asynccontextmanager
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -197,6 +198,15 @@ async def test_at_an_interval_the_next_is_taken_while_the_last_is_being_saved(ri
     assert sorted(begun[3:]) == ["saved 1", "saved 2", "saved 3"]
 
 
+async def test_takes_that_a_rig_was_not_ready_for_are_not_made_up_for(rig: FakeRig) -> None:
+    loop, rig.is_ready, begun_s = asyncio.get_running_loop(), asyncio.Event(), []
+    loop.call_later(10.0, rig.is_ready.set)
+    async for event in Taking(rig, TakePlan(frames=1, repeat=4, every_s=1.0, wait_ready_s=20)):
+        if isinstance(event, Begun):
+            begun_s.append(loop.time())
+    assert all(later - earlier > 0.9 for earlier, later in pairwise(begun_s))
+
+
 async def test_the_result_is_the_last_take_also_if_an_earlier_one_is_saved_later(rig: FakeRig) -> None:
     class SavedBackwards(Taking):
         async def __aiter__(self) -> AsyncGenerator[TakeEvent, None]:
@@ -302,6 +312,15 @@ async def test_a_leader_that_stays_away_is_said_with_what_is_known(rig: FakeRig)
     assert isinstance(failed.error, NetworkError)
     assert "2 of 6 images of burst-001" in failed.error.what
     assert failed.status is not None
+
+
+async def test_a_take_of_a_lost_leader_is_not_ended_by_its_number_there(rig: FakeRig) -> None:
+    """The leader's next run has other takes of these numbers."""
+    rig.breaks_off = NetworkError("the leader closed the connection")
+    async for event in (taking := Taking(rig, TakePlan(frames=3, wait_leader_s=0.05))):
+        if isinstance(event, Progress) and "may go on there" in event.status.message:
+            await taking.end()
+    assert [asked[1] for asked in rig.asked if asked[0] == "order"] == [EndBurst(burst=0)]
 
 
 @pytest.mark.parametrize("how", ["left", "cancelled"])

@@ -11,9 +11,9 @@ import pytest
 
 from capture_app.common import system
 from capture_app.common.clock import SimulatedClock
-from capture_app.common.errors import BadInputError, ExitCode, IncompleteError, SimulshotError
+from capture_app.common.errors import BadInputError, ExitCode, IncompleteError, SimulshotError, TryAgainError
 from capture_app.session.files.durable import PART, write_atomic
-from capture_app.session.files.locks import lock_handle
+from capture_app.session.files.locks import lock_folder, lock_handle
 from capture_app.session.format.manifest import JOURNAL, MANIFEST, BurstRecord, ImageRecord, inside
 from capture_app.session.library.listing import list_sessions
 from capture_app.session.reading.reader import Session, is_being_written
@@ -127,6 +127,16 @@ def test_two_writers_never_share_a_session(tmp_path: Path) -> None:
     assert not is_being_written(writer.folder)
     with pytest.raises(IncompleteError, match="incomplete"):
         Session.open(writer.folder)
+
+
+def test_a_folder_that_was_moved_while_it_was_locked_is_not_kept_locked(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with monkeypatch.context() as patch:
+        patch.setattr(os.path, "samestat", lambda *_: False)
+        with pytest.raises(TryAgainError):
+            lock_folder(tmp_path)
+    os.close(lock_folder(tmp_path))
 
 
 def test_readers_that_look_for_a_writer_are_none(session: Session) -> None:

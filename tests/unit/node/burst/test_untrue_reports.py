@@ -160,6 +160,7 @@ async def test_only_the_machine_that_takes_part_in_a_burst_speaks_for_its_camera
         session.check_machine("a", pin)
     with pytest.raises(BadInputError, match="another machine's camera"):
         session.check_machine("a", "another pin")
+    session.check_machine("b", "any pin of a camera that had none, as its rig was open then")
 
 
 async def test_a_report_that_says_nothing_again_and_again_holds_up_no_burst(tmp_path: Path) -> None:

@@ -75,6 +75,24 @@ async def test_what_was_not_acknowledged_is_sent_again_and_developed_once() -> N
     assert streams == 3
 
 
+async def test_each_loss_is_told_and_at_first_soon_over_once_a_burst_has_come_between() -> None:
+    said, streams = list[str](), 0
+
+    async def serve(channel: Channel[ToLeader]) -> None:
+        nonlocal streams
+        streams += 1
+        if streams % 2:
+            return  # It is lost.
+        async for _ in images(channel, lambda _: ReportAck()):
+            pass
+
+    async with uploading(serve, said, retry_s=(0.1, 1000.0)) as uploader:
+        for _ in range(2):
+            uploader.add_burst(burst_upload(Picture(b"a picture")))
+            await until(lambda: not uploader._bursts)
+    assert (streams, len([line for line in said if line.startswith("images wait")])) == (4, 2)
+
+
 async def test_an_image_of_which_the_leader_confirms_other_bytes_is_kept_and_sent_again() -> None:
     received = list[bytes]()
 

@@ -120,6 +120,8 @@ async def test_a_burst_after_a_takeover_names_the_cameras_that_are_not_back(
         machine, second = introduced(tmp_path, trust, "machine"), standby_of(tmp_path, trust)
         async with standing_by(tmp_path, second, leader.own_address) as led:
             at = leader.own_address
+            async with sealed_node(at, machine, "cam2", camera=make_facts()):
+                await until(leader.engine.roster.cameras)
             async with (
                 sealed_node(at, machine, "cam0", camera=make_facts()),
                 sealed_node(at, machine, "cam1", camera=make_facts()),

@@ -430,6 +430,13 @@ async def test_a_take_waits_in_the_queue_of_a_camera_that_is_busy_with_an_earlie
 SILENCE_STEP_NS = 500_000_000
 
 
+async def test_the_recording_that_was_begun_last_ends_without_a_number(tmp_path: Path) -> None:
+    async with bursts_of(tmp_path, engine_of("a")) as bursts:
+        first, second = [await bursts.order(BurstOrder(frames=1000, streamed=True)) for _ in range(2)]
+        await bursts.end()
+        assert (first.burst.frames, second.burst.frames < 1000) == (1000, True)
+
+
 async def test_a_camera_that_missed_the_end_of_a_recording_is_told_again(tmp_path: Path) -> None:
     engine, clock = engine_of("a"), StillClock()
     options = LeaderOptions(sessions=tmp_path, clock=clock, trust=Trust.open())

@@ -3,10 +3,12 @@
 from pathlib import Path
 
 import pytest
+from msgspec.structs import replace
 
 from capture_app.common.errors import BadInputError
 from capture_app.node.leader.bursts import ActiveBursts, order_of
 from capture_app.protocol.messages import BurstRequest, SpoolSpace
+from capture_app.session.format.manifest import EVENTS
 from capture_app.session.format.marks import RIG_MARKS, Mark
 from capture_app.sync.rig.burst_orders import BurstOrder
 from capture_app.sync.rig.frame_selection import MAX_STREAMED_FRAMES, MAX_STREAMED_NS
@@ -84,6 +86,10 @@ async def test_a_mark_is_stored_in_the_takes_it_falls_into_or_with_the_rig(tmp_p
         text = "\n".join(file.read_text() for file in session.folder.glob("*.ndjson"))
         assert ("clap" in text, "door" in text) == (True, False)
         assert "door" in (tmp_path / RIG_MARKS).read_text()
+        second = await order(bursts)
+        placed = await bursts.place_mark(replace(within, text="both"))
+        assert placed.sessions == (session.folder.name, second.folder.name)
+        assert all("both" in (take.folder / EVENTS).read_text() for take in (session, second))
         with pytest.raises(BadInputError):
             await bursts.place_mark(Mark(text="two\nlines", leader_ns=NOW_NS, uncertainty_ns=5))
 

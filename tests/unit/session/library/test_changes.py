@@ -36,6 +36,14 @@ def test_a_renamed_session_is_the_same_but_for_its_name(session: Session, tmp_pa
     assert (results_folder(new) / "compare").is_dir()
 
 
+def test_a_folder_that_was_renamed_by_hand_gives_its_session_that_name(
+    session: Session, tmp_path: Path
+) -> None:
+    moved = session.folder.rename(tmp_path / "jump")
+    assert rename_session(moved, "jump") == moved
+    assert Session.open(moved).name == "jump"
+
+
 @pytest.mark.parametrize("name", ["", "..", "a/b", "-x", "x" * 65, "\x1b[2J", "[red]"])
 def test_an_unsafe_name_is_refused(session: Session, name: str) -> None:
     with pytest.raises(BadInputError, match="not a valid name"):

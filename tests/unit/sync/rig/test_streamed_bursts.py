@@ -161,6 +161,19 @@ def test_a_machine_that_slept_knows_no_time_until_it_has_asked_again() -> None:
     assert not rig.nodes["cam1"].bursts[burst.number].gaps
 
 
+def test_frames_from_before_a_sleep_in_which_the_clock_ran_on_keep_their_times() -> None:
+    rig = rig_of_two()
+    burst = rig.trigger(frames=60)
+    assert rig.run_until(lambda: rig.now_true_ns > burst.instants_ns[20], limit_ns=10 * S)
+    node = rig.nodes["cam1"]
+    node.spec = replace(node.spec, clock=SimulatedClock(node.spec.clock.local_from_true(0) + 12 * S))
+    node.client.wake_up(12 * S, node.spec.clock.local_from_true(rig.now_true_ns))
+    assert rig.run_until(lambda: burst.number in node.bursts, limit_ns=20 * S)
+    picked = node.bursts[burst.number].frames
+    assert [pick.instant for pick in picked[:19]] == [*range(19)]
+    assert all(abs(pick.residual_ns) < 100_000 for pick in picked)
+
+
 @pytest.mark.parametrize("is_before", [True, False])
 def test_a_burst_of_a_lost_leader_ends_with_a_sleep_as_its_time_is_lost(*, is_before: bool) -> None:
     """It was selected by the time from before, or never ended, so that its last image stayed on its node."""

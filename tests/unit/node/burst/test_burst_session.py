@@ -11,11 +11,16 @@ import pytest
 from msgspec.structs import replace
 
 from capture_app.common.errors import BadInputError
-from capture_app.common.timeouts import CAMERA_DISCONNECTED_NS, CAMERA_STALLED_NS, MIN_UPLOAD_BYTES_PER_S
+from capture_app.common.timeouts import (
+    AFTER_LAST_INSTANT_NS,
+    CAMERA_DISCONNECTED_NS,
+    CAMERA_STALLED_NS,
+    MIN_UPLOAD_BYTES_PER_S,
+)
 from capture_app.node.burst.burst_session import MARK_MARGIN_NS, BurstSession
 from capture_app.node.burst.plans import burst_record, result_text
 from capture_app.node.leader.bursts import create_numbered
-from capture_app.session.format.manifest import AbsentCamera, MissingImage, PhaseRecord
+from capture_app.session.format.manifest import EVENTS, AbsentCamera, MissingImage, PhaseRecord
 from capture_app.session.library.listing import list_sessions
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
@@ -152,6 +157,22 @@ async def test_a_camera_without_a_stream_is_given_up_after_a_while(tmp_path: Pat
     assert not session.finished.is_set(), "it may come back"
     await session.give_up_silent_cameras({"b": "lost: silent for 2 s"}, last_ns + 3 * CAMERA_DISCONNECTED_NS)
     assert {gap.reason for gap in saved(session).manifest.missing} == {"lost: silent for 2 s"}
+
+
+async def test_a_lost_camera_is_not_awaited_as_its_stream_seems_open(tmp_path: Path) -> None:
+    session = burst_session(tmp_path, "a")
+    session.stream_opened("a")
+    at_ns = INSTANTS_NS[-1] + AFTER_LAST_INSTANT_NS + CAMERA_DISCONNECTED_NS
+    await session.give_up_silent_cameras({"a": "lost: silent for 2 s"}, at_ns)
+    assert {gap.reason for gap in saved(session).manifest.missing} == {"lost: silent for 2 s"}
+
+
+async def test_what_has_happened_to_a_camera_is_stored_once(tmp_path: Path) -> None:
+    """Its node reports it again over each stream that it opens."""
+    session = burst_session(tmp_path, "a")
+    for _ in range(2):
+        await session.accept_report(replace(report("a", 0), events=({"event": "frames-dropped"},)), 0)
+    assert (session.folder / EVENTS).read_text().count("frames-dropped") == 1
 
 
 async def test_a_camera_that_stalls_is_given_up_in_the_end(tmp_path: Path) -> None:

@@ -6,7 +6,7 @@ import pytest
 
 from capture_app.common.bounds import CENTURY_NS, MAX_COUNT
 from capture_app.sync.clock.time_map import TimeMap
-from capture_app.sync.timekeeping.map_history import MapHistory
+from capture_app.sync.timekeeping.map_history import HISTORY_NS, MapHistory
 
 S, US = 1_000_000_000, 1_000
 RIGHT = TimeMap(
@@ -72,6 +72,14 @@ def test_a_slew_that_is_certain_doubts_for_as_long_again_before() -> None:
     found = history(RIGHT, RIGHT, RIGHT).doubt(slewed, 3 * S, is_changed=True)
     assert found is not None
     assert found.from_local_ns == pytest.approx(S, abs=S // 100)
+
+
+def test_times_of_a_long_holdover_are_doubted_too() -> None:
+    made = history(RIGHT)
+    made.add(RIGHT, 2 * HISTORY_NS)
+    doubted = made.doubt(replace(RIGHT, offset_ns=S), 2 * HISTORY_NS + S)
+    assert doubted is not None
+    assert doubted.from_local_ns == 0
 
 
 def test_maps_before_one_that_agreed_are_not_doubted() -> None:

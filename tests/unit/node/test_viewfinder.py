@@ -150,6 +150,15 @@ async def test_few_previews_are_made_while_frames_are_sent(leader: LeaderNode) -
         running.cancel()
 
 
+async def test_a_camera_whose_clock_was_set_back_is_shown_on() -> None:
+    node = Node()
+    node.grid, node.viewfinder.request = None, PreviewRequest(width=40, fps=10)
+    for number in (1000, *range(100)):
+        node.see(number)
+    assert node.viewfinder._next is not None
+    assert node.viewfinder._next[0].sequence > 80
+
+
 async def test_the_next_preview_waits_until_the_last_was_seen(leader: LeaderNode) -> None:
     async with await connect(leader.own_address, FromLeader) as node:
         await node.send(NodeStream(camera="a", instance=NODE, shows=True))

@@ -162,6 +162,8 @@ async def test_a_session_without_room_on_its_disk_is_not_opened_again(
     answered = await resumed.answer_finished(report("a", 0), "")
     assert answered is not None
     assert [receipt.instant for receipt in answered.receipts] == [0]
+    next(session.folder.rglob("*.jpg")).unlink()
+    assert await resumed.answer_finished(report("a", 0), "") is None, "its node may have the only copy"
     again = await resumed.reopen(report("b", 0, 1), 0)
     assert not again.finished.is_set(), "it was finished, and takes images once more"
     await again.finish_now("the rest never came")

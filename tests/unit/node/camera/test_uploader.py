@@ -273,6 +273,23 @@ async def test_a_full_spool_is_told_and_memory_takes_its_place(tmp_path: Path) -
     assert any("stays in memory" in line for line in said)
 
 
+async def test_a_spool_that_cannot_be_synced_is_told_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(_: SpoolFolder) -> None:
+        raise DiskFullError("the disk is full")
+
+    async def serve(_: Channel[ToLeader]) -> None:
+        await asyncio.sleep(60.0)
+
+    monkeypatch.setattr(SpoolFolder, "sync", fail)
+    said = list[str]()
+    async with uploading(serve, said, Spool(tmp_path, "a")) as uploader:
+        uploader.add_burst(burst_upload(Picture(b"0")))
+        await asyncio.sleep(10.0)
+    assert len([line for line in said if "stays in memory" in line]) == 1
+
+
 async def test_a_burst_whose_session_was_removed_is_named_with_what_to_do(tmp_path: Path) -> None:
     async def serve(channel: Channel[ToLeader]) -> None:
         async for _ in images(channel, lambda _: refusal):

@@ -1,11 +1,14 @@
 """Requests for takes as orders in a rig's frames; what takes are told of on the way, and where marks go."""
 
+from collections.abc import AsyncIterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from msgspec.structs import replace
 
 from capture_app.common.errors import BadInputError
+from capture_app.node.leader import bursts as leader_bursts
 from capture_app.node.leader.bursts import ActiveBursts, order_of
 from capture_app.protocol.messages import BurstRequest, SpoolSpace
 from capture_app.session.format.manifest import EVENTS
@@ -92,6 +95,24 @@ async def test_a_mark_is_stored_in_the_takes_it_falls_into_or_with_the_rig(tmp_p
         assert all("both" in (take.folder / EVENTS).read_text() for take in (session, second))
         with pytest.raises(BadInputError):
             await bursts.place_mark(Mark(text="two\nlines", leader_ns=NOW_NS, uncertainty_ns=5))
+
+
+async def test_frames_before_an_order_are_those_before_its_rig_was_ready(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async with bursts_of(tmp_path, engine_of("a")) as bursts:
+        clock: Any = bursts._options.clock
+
+        async def reasons(*_: object) -> AsyncIterator[str]:
+            yield "a is aligning"
+            clock.shown_ns += 60 * S
+
+        monkeypatch.setattr(leader_bursts, "reasons_until_ready", reasons)
+        taking = bursts.take(BurstRequest(frames=2, before=1, wait_ready_s=90))
+        assert [(await anext(taking)).burst for _ in range(2)] == [0, 1]
+        assert bursts.newest is not None
+        assert abs(bursts.newest.burst.instants_ns[1] - clock.shown_ns) < S
+        await taking.aclose()
 
 
 async def test_a_problem_of_a_spool_is_logged_when_it_begins_and_ends(tmp_path: Path) -> None:

@@ -157,6 +157,13 @@ def test_a_ring_buffer_takes_no_more_memory_than_it_may_but_has_the_newest_two_f
     assert (len(ring), ring.oldest_local_ns) == (3, 6), "what was dropped counts no more"
 
 
+def test_frames_from_before_a_clock_was_set_back_are_dropped() -> None:
+    ring = ring_of([n * PERIOD_NS for n in range(100, 110)], span_ns=9 * PERIOD_NS)
+    for number in range(3):
+        ring.add(number * PERIOD_NS, number)
+    assert (len(ring), ring.oldest_local_ns) == (3, 0)
+
+
 def test_a_camera_without_frames_leaves_gaps() -> None:
     picks, gaps = pick_frames(RingBuffer[int](), time_map(), (0,), PERIOD_NS)
     assert picks == []

@@ -157,7 +157,10 @@ def test_a_requested_rate_is_not_changed() -> None:
     number = joined(leader, "cam", S)
     leader.receive_datagram(encode(Goodbye(number)), ("cam", 0), 2 * S)
     leader.handle_timer(2 * S)
-    joined(leader, "other", 3 * S)
+    beat(leader, joined(leader, "other", 3 * S), 3 * S)
+    beat(leader, (number := joined(leader, "third", 3 * S)), 3 * S)
+    leader.receive_datagram(encode(Goodbye(number)), ("third", 0), 4 * S)
+    leader.handle_timer(4 * S)
     assert leader.grid is not None
     assert leader.grid.period_ns == LONG_NS
 

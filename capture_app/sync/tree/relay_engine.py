@@ -96,8 +96,6 @@ class Relay:
         """Send a goodbye to the parent and release the clients before this relay stops."""
         self.member.leave()
         self.leader.leave()
-        # The clients ask again at once, and must not be admitted here.
-        self.leader.current.upstream = None
 
     def next_timer(self) -> int:
         """Return the local time in ns at which `handle_timer` is to be called."""

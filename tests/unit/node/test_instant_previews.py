@@ -17,7 +17,7 @@ from capture_app.node.camera.viewfinder import MAX_PERIODS, periods_between
 from capture_app.node.leader.leader_node import LeaderNode
 from capture_app.node.leader.viewfinders import STORED, newest_instant
 from capture_app.protocol.status import Preview, RigStatus
-from capture_app.rig.instant_previews import InstantPreviews, collect, instant_previews
+from capture_app.rig.instant_previews import InstantPreviews, LeaderMoments, collect, instant_previews
 from capture_app.rig.rig_link import RigLink
 from tests.cheap_rig import start_leader
 from tests.unit.node.joining import joined
@@ -155,6 +155,13 @@ async def test_one_preview_is_of_all_ready_cameras_or_of_most() -> None:
     rig = _Lagging("127.0.0.1:9")
     assert {*(await rig.preview()).previews} == {"cam00", "cam01"}
     assert {*(await rig.preview(wait_s=0.015)).previews} == {"cam00"}
+
+
+def test_the_leaders_moments_are_those_of_its_quickest_status() -> None:
+    moments = LeaderMoments()
+    for leader_ns, here_ns in ((1000, 500), (2000, 1400), (3000, 2450)):
+        moments.hear(leader_ns, here_ns)
+    assert moments.here_ns(4000, 0) == 3400
 
 
 def test_previews_and_rigs_are_told_in_a_line() -> None:

@@ -38,6 +38,12 @@ def test_what_comes_in_is_seen_at_once_and_what_stays_no_longer(at: int) -> None
     assert not watch.moved("b", scene.picture(at))
 
 
+def test_pictures_of_another_size_are_learned_anew() -> None:
+    scene = Scene()
+    watch = taught(MotionWatch(), scene)
+    assert not watch.moved("a", scene.picture(70)[::2, ::2])
+
+
 def test_only_the_region_is_looked_at() -> None:
     scene = Scene()
     for region, seen in (((0.0, 0.0, 0.4, 1.0), False), ((0.5, 0.4, 1.0, 1.0), True), (WHOLE, True)):

@@ -48,6 +48,7 @@ async def test_a_link_that_is_lost_opens_again_with_its_previews(tmp_path: Path,
             # Nobody asks again.
             await until(lambda: len(of(Preview)) > 3)
             assert of(RigStatus)
+        await until(lambda: of(LinkLost) != [])
     lines = [one.unix_ns for one in told if isinstance(one, LogLine)]
     assert lines == sorted({*lines})
     following.cancel()

@@ -1,5 +1,6 @@
 """Sessions are written whole, read back as written, and never believed without a check."""
 
+import errno
 import os
 import subprocess
 import sys
@@ -11,7 +12,15 @@ import pytest
 
 from capture_app.common import system
 from capture_app.common.clock import SimulatedClock
-from capture_app.common.errors import BadInputError, ExitCode, IncompleteError, SimulshotError, TryAgainError
+from capture_app.common.errors import (
+    BadInputError,
+    DiskFullError,
+    ExitCode,
+    IncompleteError,
+    SimulshotError,
+    TryAgainError,
+)
+from capture_app.session.files.disk import disk_error
 from capture_app.session.files.durable import PART, write_atomic
 from capture_app.session.files.locks import lock_folder, lock_handle
 from capture_app.session.format.manifest import JOURNAL, MANIFEST, BurstRecord, ImageRecord, inside
@@ -144,6 +153,11 @@ def test_readers_that_look_for_a_writer_are_none(session: Session) -> None:
     lock_handle(another, shared=True)
     assert not is_being_written(session.folder)
     os.close(another)
+
+
+def test_a_quota_that_is_used_up_is_a_full_disk(tmp_path: Path) -> None:
+    used_up = OSError(errno.EDQUOT, "Disk quota exceeded")
+    assert isinstance(disk_error(used_up, tmp_path), DiskFullError)
 
 
 def test_what_a_crash_left_of_a_file_is_not_in_the_next_one(tmp_path: Path) -> None:

@@ -160,6 +160,9 @@ def test_answers_to_a_trigger_go_up_together_but_for_those_that_refuse(
     assert len(acks) == 3
     assert [len(found) for found in numbers.values()] == [297, 3]
     assert sorted(numbers[""] + numbers["no room"]) == [100 + member.instance for member in members]
+    summary.pass_up(members[0], TriggerAck(members[0].number, 1, 3), 2 * S)
+    summary.handle_timer(2 * S + ACK_BATCH_NS)
+    assert [one for one in said(summary) if isinstance(one, TriggerAck)] == [TriggerAck(101, 1, 3)]
 
 
 def test_whoever_is_below_a_further_relay_keeps_that_relay_as_its_place(

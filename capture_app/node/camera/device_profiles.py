@@ -58,7 +58,8 @@ class DeviceProfiles:
     def save(self, key: str, **changes: Any) -> bool:
         """Change these fields of a mode's, a camera's or a link's profile; return False if that fails."""
         known = self.read(key)
-        if msgspec.structs.replace(known, **changes) == known:
+        # The order counts, too: the leader that was followed last.
+        if msgspec.json.encode(msgspec.structs.replace(known, **changes)) == msgspec.json.encode(known):
             return True
         lock_path = self._path.with_name(f"{FILE}.lock")
         try:
@@ -66,7 +67,7 @@ class DeviceProfiles:
             lock = lock_file(lock_path, wait=True)
             try:
                 entries = self._read_all() | {key: msgspec.structs.replace(self.read(key), **changes)}
-                write_atomic(self._path, msgspec.json.format(msgspec.json.encode(entries, order="sorted")))
+                write_atomic(self._path, msgspec.json.format(msgspec.json.encode(entries)))
             finally:
                 lock_path.unlink(missing_ok=True)
                 os.close(lock)

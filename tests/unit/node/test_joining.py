@@ -201,4 +201,6 @@ async def test_the_leader_that_is_followed_is_stored_also_if_it_was_started_agai
     with announced():
         watching = asyncio.create_task(joining_of(client, [leader], print, profiles).watch())
         await until(lambda: profiles.read(node_key("cam")).followed == {"7": (leader,), "8": (leader,)})
+        client.followed = Mock(leader=7)
+        await until(lambda: [*profiles.read(node_key("cam")).followed] == ["8", "7"])
         watching.cancel()

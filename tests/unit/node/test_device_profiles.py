@@ -3,8 +3,12 @@
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+import pytest
+
 from capture_app.common.camera_facts import CameraFacts, PhaseControl
+from capture_app.node.camera import device_profiles
 from capture_app.node.camera.device_profiles import FILE, DeviceProfiles, link_key, mode_key
+from capture_app.session.files.locks import lock_file
 from capture_app.sync.clock.clock_filter import PathAsymmetry
 from capture_app.sync.phase.actuators import InjectionProfile
 from tests.facts import make_facts
@@ -68,6 +72,21 @@ def test_nodes_that_save_at_once_keep_each_others(tmp_path: Path) -> None:
         assert all(saved)
     profiles = DeviceProfiles(tmp_path)
     assert all(profiles.read(mode_key(camera(model=model))).usable_injection == PROFILE for model in models)
+
+
+def test_what_another_node_saved_of_a_device_meanwhile_is_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    profiles, key = DeviceProfiles(tmp_path), mode_key(camera())
+
+    def lock(path: Path, *, wait: bool) -> int:
+        monkeypatch.undo()
+        assert profiles.save(key, start_latencies_ns=(5,))
+        return lock_file(path, wait=wait)
+
+    monkeypatch.setattr(device_profiles, "lock_file", lock)
+    assert profiles.save(key, injection=PROFILE)
+    assert (profiles.read(key).injection, profiles.read(key).start_latencies_ns) == (PROFILE, (5,))
 
 
 def test_a_folder_that_cannot_be_written_is_no_failure(tmp_path: Path) -> None:

@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 
 from capture_app.common.address import Address
+from capture_app.common.clock import SimulatedClock
 from capture_app.common.errors import NetworkError
 from capture_app.common.node_state import NodeState
 from capture_app.net.channel import connect
@@ -51,7 +52,7 @@ async def test_a_relay_without_a_leader_answers_a_status_and_nothing_else(tmp_pa
 async def test_a_relay_that_lost_its_leader_says_since_when_and_how_accurate_it_is(tmp_path: Path) -> None:
     async with (
         await start_leader(tmp_path) as leader,
-        await start_relay(leader.own_address) as relay,
+        await start_relay(leader.own_address, clock=SimulatedClock(3600 * 10**9)) as relay,
         cheap_cameras(["b", "a"], relay.own_address),
     ):
         await until(lambda: [n.state for n in relay.status().nodes] == [NodeState.READY] * 2, seconds=120.0)

@@ -13,6 +13,7 @@ from capture_app.common import system
 from capture_app.common.address import Address
 from capture_app.common.errors import DiskFullError, NetworkError, NotAvailableError, SimulshotError
 from capture_app.common.pairing_codes import Role
+from capture_app.common.passwords import VARIABLE
 from capture_app.common.stagger import Stagger
 from capture_app.protocol.orders import AddCamera
 from capture_app.rig import process
@@ -101,13 +102,14 @@ async def test_a_screen_shows_the_rig_that_runs_and_adds_its_cameras(
         given.append((leader, order))
 
     monkeypatch.setattr(process, "give_order", give)
+    monkeypatch.setenv(VARIABLE, "secret")
     async with rig_of(0, tmp_path) as leader:
         with recorded_rig(leader.own_address, tmp_path):
-            rig = await attach(cameras=["sim:perfect"])
+            rig = await attach(cameras=["rtsp://ann@10.0.0.9/a"])
         assert (rig.leader, rig.sessions, rig.is_local, rig.started) == (
             leader.own_address, tmp_path, True, False
         )  # fmt: skip
-        assert given == [(leader.own_address, AddCamera(spec="sim:perfect"))]
+        assert given == [(leader.own_address, AddCamera(spec="rtsp://ann:secret@10.0.0.9/a"))]
         assert (await attach(leader=leader.own_address)).sessions == tmp_path
     # One that is given need not answer yet.
     for sessions, folder in ((None, Path("sessions")), (tmp_path, tmp_path)):

@@ -144,6 +144,9 @@ LIES: dict[ProblemKind, dict[str, tuple[Callable[[Session], Any], str]]] = {
         "bit flipped": (flip, "sha256"),
         "swapped": (lambda s: put(FIRST, (s.folder / FIRST.replace("00.", "01.")).read_bytes())(s), FIRST),
         "no checksums": (remove(CHECKSUMS), "missing"),
+        "torn checksums": (
+            lambda s: put(CHECKSUMS, (s.folder / CHECKSUMS).read_bytes()[:-1])(s), "is incomplete",
+        ),
         "other ground truth": (put(TRUTH, b"npy"), "000000.npz"),
     },
     "unreadable": {

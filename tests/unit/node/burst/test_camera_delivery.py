@@ -24,6 +24,12 @@ def widened_by(*clocks: object) -> tuple[WidenedTimes, ...]:
     return delivery.plan.camera.widened
 
 
+def test_what_came_fast_gives_no_more_time_than_from_now_on() -> None:
+    delivery = CameraDelivery(CameraPlan(camera=CameraRecord(name="a", facts=CAMERA)), heard_ns=0)
+    delivery.note_arrivals(10**12, now_ns=5)
+    assert delivery.since_ns == 5
+
+
 def test_a_machine_that_is_started_again_has_another_clock() -> None:
     """Its session was said to be contradictory, as its clock record holds for the images from before."""
     (other,) = widened_by(CLOCK, BOOTED, BOOTED, CLOCK)

@@ -6,16 +6,17 @@ from pathlib import Path
 import pytest
 
 from capture_app.common.address import Address
-from capture_app.common.errors import BadInputError, TryAgainError
+from capture_app.common.errors import BadInputError, DiskFullError, TryAgainError
 from capture_app.common.timeouts import CAMERA_DISCONNECTED_NS
 from capture_app.machine.repair import repair
 from capture_app.node.burst.burst_session import BurstSession
 from capture_app.protocol.log import Log
 from capture_app.protocol.messages import CameraReport
-from capture_app.session.format.burst_plan import read_plan
+from capture_app.session.format.burst_plan import BurstPlan, read_plan
 from capture_app.session.format.manifest import MissingImage, SkippedFrame, SkippedInstant
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
+from capture_app.session.writing.session_writer import SessionWriter
 from tests.unit.node.bursts import (
     DISK,
     IMAGE,
@@ -30,6 +31,24 @@ from tests.unit.node.bursts import (
 )
 
 pytestmark = pytest.mark.virtual
+
+
+class FullDisk(SessionWriter):
+    """A writer whose disk takes the first plan of a burst, and no later one."""
+
+    def set_plan(self, plan: BurstPlan) -> None:
+        if self.plan is not None:
+            raise DiskFullError("the disk is full")
+        super().set_plan(plan)
+
+
+async def test_instants_that_a_full_disk_does_not_take_are_the_first_ones(tmp_path: Path) -> None:
+    session = burst_session(tmp_path, "a", "b", spare=2, kind=FullDisk)
+    await session.write_plan(LEADER)
+    await session.accept_report(dropping("a", 4, 1), 0)
+    await session.give_up_camera("b", "it sent nothing", silent=True)
+    assert session.session is not None, session.message
+    assert Session.open(session.session).manifest.burst.instants_ns == INSTANTS_NS
 
 
 def dropping(name: str, ordered: int, *dropped: int) -> CameraReport:

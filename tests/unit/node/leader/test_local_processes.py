@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 
+from capture_app.cameras.specs import parse_spec
 from capture_app.common.address import Address
 from capture_app.common.errors import BadInputError, CameraError, NetworkError
 from capture_app.common.timeouts import NODE_START_TIMEOUT_S, PHONES_START_TIMEOUT_S
@@ -82,6 +83,15 @@ async def opened(started: list[Process]) -> None:
     await asyncio.sleep(1.0)
     for process in started:
         process.spoken.set()
+
+
+async def test_a_camera_without_a_name_gets_none_that_is_taken(
+    nodes: LocalNodes, started: list[Process]
+) -> None:
+    label = parse_spec("sim:perfect").label
+    adding = asyncio.ensure_future(nodes.add_camera("sim:perfect", taken=[label]))
+    await opened(started)
+    assert await adding not in (label, "")
 
 
 async def test_simulated_cameras_see_a_scene_from_its_free_views(

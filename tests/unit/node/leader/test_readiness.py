@@ -80,6 +80,16 @@ async def test_a_node_that_cannot_do_better_is_waited_for_as_long_as_it_may_help
     assert now_s() - began_s == pytest.approx(lasts_s, abs=2 * CHECK_EVERY_S)
 
 
+@pytest.mark.virtual
+async def test_a_node_that_was_usable_for_a_moment_is_waited_for_as_long_once_it_is_again() -> None:
+    loop, seen = asyncio.get_running_loop(), Seen((READY, ROUGH))
+    for after_s, views in ((1.0, (view("cam02", NodeState.ALIGNING),)), (DEGRADED_WAIT_S, seen.seen)):
+        loop.call_later(after_s, setattr, seen, "seen", views)
+    began_s = loop.time()
+    assert [reason async for reason in reasons_until_ready(cast(Leader, seen), 600.0, 1)]
+    assert loop.time() - began_s == pytest.approx(2 * DEGRADED_WAIT_S, abs=2 * CHECK_EVERY_S)
+
+
 def test_a_node_that_is_not_aligned_does() -> None:
     with pytest.raises(IncompleteError, match="not ready after 0 s: cam02 is aligning"):
         waited_for(READY, view("cam02", NodeState.ALIGNING))

@@ -63,6 +63,14 @@ def test_a_phone_without_drift_is_aligned_once_and_left_alone() -> None:
     assert all(seen.aligned for seen in observations if seen.now_ns > 5 * S)
 
 
+def test_a_stream_that_is_just_started_is_not_aligned() -> None:
+    bench = Bench(PROFILES["pi"], 3, 60_000, ppm=0.0)
+    last = until_aligned(bench)
+    bench.aligner.note_stream_start(last.now_ns)
+    assert not bench.aligner.window.aligned
+    assert not bench.aligner.window.within_window
+
+
 def test_two_late_timestamps_among_the_first_frames_move_nothing() -> None:
     profile = replace(PROFILES["phone-a"], outlier_fraction=0.0, drop_fraction=0.0)
     bench = Bench(profile, 3, 20_000, ppm=0.0, known=known_profile(profile))

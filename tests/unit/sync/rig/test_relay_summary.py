@@ -216,6 +216,12 @@ def test_what_another_machine_is_refused_drops_nobody(summary: RelaySummary, ros
     assert summary.note_refusal(7, "two machines are called cam", roster.members) is None
 
 
+def test_what_a_namesake_is_refused_does_not_drop_the_member(summary: RelaySummary, roster: Roster) -> None:
+    admitted(roster, "cam", 7)
+    summary.ask(Hello("cam", 8, CAMERA))
+    assert summary.note_refusal(8, "another camera named cam is here", roster.members) is None
+
+
 def test_a_description_that_would_not_fit_with_the_relays_name_is_refused() -> None:
     summary = RelaySummary("r" * 64)
     camera = structs.replace(CAMERA, model="ü" * 200, kind="ü" * 200, pixel_format="p" * 100)

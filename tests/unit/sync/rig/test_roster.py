@@ -275,6 +275,12 @@ def test_a_camera_that_moves_to_another_relay_takes_part_without_a_pause(leader:
     )
 
 
+def test_a_member_that_is_dropped_is_told(leader: Leader) -> None:
+    number = joined(leader, "cam", S)
+    leader.drop_member(leader.roster.members["cam"], "its name is another machine's")
+    assert [decode(data) for data, _ in leader.datagrams_to_send(S)] == [UnknownMember(number)]
+
+
 def test_a_number_from_before_a_move_is_unknown(leader: Leader) -> None:
     """The relay that a camera has left reports it lost, though it is here."""
     former = joined(leader, "cam", S)

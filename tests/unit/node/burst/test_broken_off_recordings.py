@@ -3,6 +3,7 @@
 import asyncio
 import dataclasses
 import errno
+import functools
 import shutil
 import threading
 import time
@@ -245,12 +246,15 @@ async def test_a_take_that_ends_with_its_disks_trouble_does_not_call_the_disk_us
         def said() -> list[str]:
             return [line.text for line in bursts._options.log.after(0) if "disk" in line.text]
 
+        def is_last(line: str) -> bool:
+            return said()[-1:] == [line]
+
         for trouble in ("its disk failed", "its disk failed again"):
             session = await bursts.order(RECORDING)
             await begin(session, "a")
             await bring(session, "a", 0)
             session.trouble = trouble
-            await until(lambda trouble=trouble: said()[-1:] == [f"leader: {trouble}"])
+            await until(functools.partial(is_last, f"leader: {trouble}"))
             await session.finish_now("cut off")
             await until(lambda: not bursts._bursts)
     assert len(said()) == 2

@@ -23,7 +23,7 @@ from capture_app.common.errors import (
 from capture_app.common.names import check_name
 from capture_app.common.node_state import WITHOUT_CAMERA, NodeState
 from capture_app.common.take_limits import check_before
-from capture_app.common.tasks import Background, has_come
+from capture_app.common.tasks import Background, end, has_come
 from capture_app.common.timeouts import FORGET_LOST_NS
 from capture_app.net.udp import Pump
 from capture_app.node.burst.burst_session import BurstSession
@@ -39,6 +39,7 @@ from capture_app.node.leader.readiness import (
 from capture_app.protocol.messages import BurstRequest, CameraReport, ReportAck, SpoolSpace
 from capture_app.protocol.orders import MarkPlaced
 from capture_app.protocol.status import BurstStatus
+from capture_app.session.files.disk import free_bytes
 from capture_app.session.format.manifest import AbsentCamera
 from capture_app.session.format.marks import RIG_MARKS, Mark, check_mark_text
 from capture_app.session.writing.rig_marks import append_mark
@@ -64,6 +65,8 @@ SURE_FRAMES = 300
 UNKNOWN_LENGTH_NS = 60_000_000_000
 """For a recording without an end, the cameras' drift within this time is reported."""
 SILENCE_CHECK_S = 0.25
+LOOK_EVERY_NS, LOOK_TIMEOUT_S = 2_000_000_000, 0.5
+"""Interval between looks at the disk for a status, and how long a status waits for one."""
 SNAPSHOT_EVERY_S = 0.25
 MAX_OPEN_BURSTS, MAX_BURSTS_AHEAD = 16, 16
 REPORT_INTERVAL_NS = 1_000_000_000
@@ -156,6 +159,10 @@ class ActiveBursts:
         self._awaited_until_ns = self.now_ns() + FORGET_LOST_NS
         self._silent: set[str] = set()
         """Cameras of this run that silently left their last burst: one camera must not delay all others."""
+        self.free_bytes: int | None = None
+        """Free space of the sessions' disk, as last read; None while it does not answer."""
+        self._looked_ns = self.now_ns() - LOOK_EVERY_NS
+        self._looking: asyncio.Task[None] | None = None
         self._trouble = ""
         """Why the leader's disk currently accepts nothing, as last reported."""
         self._background = Background()
@@ -177,6 +184,8 @@ class ActiveBursts:
     async def close(self) -> None:
         """Save bursts in progress with the images received so far."""
         await self._background.end()
+        if self._looking is not None:
+            await end(self._looking)
         for burst in tuple(self._bursts.values()):
             if not burst.finished.is_set():
                 # Nodes still have the other images, and the next run may fetch them.
@@ -502,10 +511,32 @@ class ActiveBursts:
         if isinstance(session.failure, DiskError) and status.burst not in self._cancelled:
             self._background.start(self.resumed.finish_later(session.folder, self.now_ns))
 
-    def forget_moved(self) -> None:
+    async def look_at_disk(self) -> None:
+        """Read the disk's free space at intervals, and name no session any more that was renamed or deleted.
+
+        A disk that hangs, as a share may, must not stop the leader's clock.
+        """
+        now_ns = self.now_ns()
+        if now_ns - self._looked_ns >= LOOK_EVERY_NS:
+            self._looked_ns = now_ns
+            if self._looking is None or self._looking.done():
+                self._looking = asyncio.create_task(self._look())
+            if not (await asyncio.wait({self._looking}, timeout=LOOK_TIMEOUT_S))[0]:
+                self.free_bytes = None
+
+    async def _look(self) -> None:
+        try:
+            self.free_bytes = await asyncio.to_thread(free_bytes, self._options.sessions)
+        except DiskError:
+            self.free_bytes = None
+        await self.forget_moved()
+
+    async def forget_moved(self) -> None:
         """Name no session in a status that was renamed or deleted since it was saved."""
+        # A path that is too long raises nothing there.
+        here = await asyncio.to_thread(lambda saved: {*filter(os.path.exists, saved)}, tuple(self.saved))
         for path in tuple(self.saved):
-            if not os.path.exists(path):  # noqa: PTH110 - a path that is too long raises nothing
+            if path not in here:
                 self.saved.remove(path)
 
     async def give_up_silent_cameras(self) -> None:

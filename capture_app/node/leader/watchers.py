@@ -2,12 +2,10 @@
 
 import asyncio
 import sys
-from contextlib import suppress
 
 from msgspec.structs import replace
 
 from capture_app.common.address import Address
-from capture_app.common.errors import DiskError
 from capture_app.common.stagger import describe_steps
 from capture_app.common.tasks import first_of
 from capture_app.net.channel import Channel
@@ -21,11 +19,9 @@ from capture_app.protocol.log import Log
 from capture_app.protocol.messages import StatusAnswer, ToLeader
 from capture_app.protocol.orders import NO_PREVIEWS, LogAnswer, PreviewRequest, PreviewSeen
 from capture_app.protocol.status import RigStatus
-from capture_app.session.files.disk import free_bytes
 from capture_app.sync.rig.leader_engine import Leader
 from capture_app.sync.timekeeping.rates import HostOffRate, RateVote
 
-LOOK_EVERY_NS = 2_000_000_000
 REVIEW_EVERY_NS = 1_000_000_000
 """Interval between checks of the clocks' rates."""
 TICK_S = 0.1
@@ -55,8 +51,6 @@ class LeaderState:
         self._bursts, self._viewfinders, self._local = bursts, viewfinders, local
         self._rates = RateVote()
         self._rates_due_ns: int | None = None
-        self._free_bytes: int | None = None
-        self._looked_ns = 0
         self._asked_ns = options.clock.now_ns()
 
     @property
@@ -99,10 +93,14 @@ class LeaderState:
                 if session is not bursts.newest
             ),
             ahead=bursts.ahead,
-            disk_free_bytes=self._room(now_ns),
+            disk_free_bytes=bursts.free_bytes,
             sessions=tuple(bursts.saved),
             sessions_folder=str(options.sessions.absolute()),
         )
+
+    async def look_at_disk(self) -> None:
+        """Read what the next statuses say of the sessions' disk."""
+        await self._bursts.look_at_disk()
 
     def look_at_rates(self, now_ns: int) -> list[HostOffRate]:
         """Check at intervals which clocks run oddly; return changes."""
@@ -110,18 +108,6 @@ class LeaderState:
             return []
         self._rates_due_ns = now_ns + REVIEW_EVERY_NS
         return review_rates(self._rates, self._engine.roster.by_name())
-
-    def _room(self, now_ns: int) -> int | None:
-        """Return the free space of the sessions' disk, read at intervals.
-
-        None if the disk does not answer. Reading it at intervals suffices for a status.
-        """
-        if self._free_bytes is None or now_ns - self._looked_ns >= LOOK_EVERY_NS:
-            self._looked_ns, self._free_bytes = now_ns, None
-            with suppress(DiskError):
-                self._free_bytes = free_bytes(self._options.sessions)
-                self._bursts.forget_moved()
-        return self._free_bytes
 
 
 class Watcher:
@@ -159,6 +145,7 @@ class Watcher:
         sent_s, logged_ns = 0.0, 0
         while True:
             began_s = loop.time()
+            await self._rig.look_at_disk()
             status = self._rig.status("")
             # Some fields change by themselves: the time, and when nodes were heard.
             nodes = tuple(replace(node, last_seen_ns=0) for node in status.nodes)

@@ -146,7 +146,10 @@ async def test_a_burst_of_cameras_with_long_problems_is_reported_without_their_l
 async def test_a_status_that_fits_no_message_is_an_error_that_says_so(
     trust: Trust, leader: LeaderNode, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(leader.bursts, "forget_moved", lambda: None)  # no disk has a path as long
+    async def keep() -> None:
+        """No disk has a path as long."""
+
+    monkeypatch.setattr(leader.bursts, "forget_moved", keep)
     leader.bursts.saved.append("/" + "x" * MAX_HEADER_BYTES)
     async with await connect(leader.own_address, FromLeader, trust=trust) as channel:
         for request in (wire.StatusRequest(), orders.WatchRequest()):

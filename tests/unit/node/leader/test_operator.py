@@ -1,6 +1,7 @@
 """What operators see of a leader and ask of it, over a connection that comes back."""
 
 import asyncio
+import threading
 import time
 from collections import Counter
 from collections.abc import AsyncIterator, Callable
@@ -11,6 +12,7 @@ import pytest
 
 from capture_app.common.address import Address
 from capture_app.common.errors import BadInputError, NetworkError, NotAvailableError, SimulshotError
+from capture_app.node.leader import bursts
 from capture_app.node.leader.leader_node import LeaderNode
 from capture_app.protocol import log as log_module
 from capture_app.protocol.log import MAX_LINES_A_NODE, Log
@@ -29,6 +31,7 @@ from capture_app.rig.rig_link import LinkLost, RigLink, Update, ask_status, give
 from capture_app.sync.rig.events import NodeChanged, TriggerAnswered
 from capture_app.sync.timekeeping.rates import HostOffRate
 from tests.cheap_rig import start_leader
+from tests.waiting import SLOW_PATIENCE_S, until
 
 TIMEOUT_S = 60.0
 
@@ -74,6 +77,26 @@ async def test_a_session_that_was_renamed_is_not_named_any_more(leader: LeaderNo
     saved.rename(renamed)
     rig = await ask_status(leader.own_address)
     assert rig.sessions == (str(tmp_path),)
+
+
+async def test_a_disk_that_hangs_does_not_stop_the_leader(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As a network share does whose server is started again: an operator's status asks for its room."""
+    goes_on = threading.Event()
+
+    def free_bytes(_: Path) -> int:
+        goes_on.wait(SLOW_PATIENCE_S)
+        return 7
+
+    monkeypatch.setattr(bursts, "free_bytes", free_bytes)
+    async with await start_leader(tmp_path) as node:
+        try:
+            assert (await ask_status(node.own_address)).disk_free_bytes is None
+            assert not goes_on.is_set(), "the status did not wait for it"
+        finally:
+            goes_on.set()
+        await until(lambda: node.status().disk_free_bytes == 7)
 
 
 async def test_a_lost_leader_is_told_and_its_successor_is_shown_without_telling_news_twice(

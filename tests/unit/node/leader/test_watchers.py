@@ -31,6 +31,9 @@ class Watched:
         self.wanted: list[PreviewRequest | None] = []
         self._looks = 0
 
+    async def look_at_disk(self) -> None:
+        pass
+
     def status(self, after: str) -> RigStatus:
         self._looks += 1
         node = NodeStatus(

@@ -20,7 +20,8 @@ from reconstruction.scene.moving_pixels import SceneMotion
 MIN_MOVING = 0.0001
 """Minimum moving fraction of the image in every camera."""
 MIN_INSTANTS = 3
-"""Minimum number of instants; if fewer show that much motion, those with the most motion are used."""
+"""Minimum number of instants, as with fewer an offset's error bar is not reliable; if fewer show that much
+motion, those with the most motion are used."""
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ from msgspec import Struct, structs
 
 from reconstruction.common.geometry import Array, View, epipolar_errors_px
 from reconstruction.scene.calibration.consistency import consistent_matches
+from reconstruction.scene.instant_choice import MIN_INSTANTS
 from reconstruction.time_offsets.instant_votes import (
     DISTINCT,
     GLITCH_FRAMES,
@@ -56,8 +57,6 @@ TYPICAL_AT_REST_PX = 0.6
 """Median epipolar error of static points with a calibration as good as the terms of its errors assume."""
 MIN_POINTS = 3
 """Minimum points of an instant; fewer may all be wrong matches."""
-MIN_INSTANTS = 3
-"""Minimum number of instants; with fewer the error bar is not reliable."""
 SHARP_FRAMES = 1 / 6
 """Maximum standard deviation of an instant's offset, in periods: a turning wheel looks alike at several."""
 SYSTEMATIC_MS = 0.25
@@ -68,8 +67,8 @@ INSTANT_PX = 0.12
 """Additional error that the points of one instant share."""
 ALIKE_INSTANTS = 3.0
 """Number of successive instants at which an object's outline has the same error."""
-ODD_INSTANT_SIGMAS = 4.0
-"""Standard deviations from which one of some twenty instants disagrees with the take."""
+CERTAIN_SIGMAS = 4.0
+"""Standard deviations from which one of some twenty differs: an instant, an image's part, or its last row."""
 MIN_JITTER = 3.0
 """Minimum ratio of the instants' scatter to their errors from which single images are called offset."""
 MIN_JITTER_INSTANTS = 5
@@ -80,18 +79,18 @@ MIN_JITTER_FRAMES = 0.05
 """Minimum jitter, in frames."""
 PARTS = 2
 """Number of parts from the middle of the image to its edge, across and down, whose bodies must agree."""
-FINE_PARTS, PART_INSTANTS, PART_MS, PARTS_SIGMAS = 4, 8, 0.3, 4.0
-"""Number of finer parts, the fewest instants that tell a part's own offset, its systematic error, and the
-standard deviations by which the chi-squared of these exceeds what is expected if they differ. Of bodies of
-one time it is at most 1.1 times that, of people 6 ms late before a television 4 and 8 times (simulated)."""
+FINE_PARTS, PART_INSTANTS, PART_MS = 4, 8, 0.3
+"""Number of finer parts, the fewest instants that tell a part's own offset, and its systematic error. The
+chi-squared of bodies of one time is at most 1.1 times the one expected, of people 6 ms late before a
+television 4 and 8 times (simulated)."""
 ROW_STEPS, ROW_BINS = 20, 16
 """Steps of the offset's change from the middle row to the last, up to a period, and of a period's offsets."""
 CLEARER_ROWS, MIN_ROWS = 1.25, 0.1
 """Minimum ratio of crossings that agree if rows have own offsets, and scatter of an instant's rows, in halves
 of the image. With one offset the ratio is 1.07 at most, with opposite rolling shutters 1.75 (simulated)."""
-ROW_FRAMES, ROW_SIGMAS = 0.1, 4.0
-"""Minimum change of the offset from the middle row to the last, in periods and in its standard deviations.
-With one offset it is 0.05 periods at most, with rolling shutters of 25 and 8 ms 0.22 to 0.26 (simulated)."""
+ROW_FRAMES = 0.1
+"""Minimum change of the offset from the middle row to the last, in periods. With one offset it is 0.05 at
+most, with rolling shutters of 25 and 8 ms 0.22 to 0.26 (simulated)."""
 ROW_FITS = 4
 """Number of fits that approach the offsets of rows: each looks at the crossings near the one before."""
 INDEPENDENT = 1.2
@@ -336,7 +335,7 @@ class OffsetFit:
         return {
             instant.instant: instant.late_ms - common_ms
             for instant in self.instants
-            if abs(instant.late_ms - common_ms) > max(ODD_INSTANT_SIGMAS * instant.sd_ms, min_ms)
+            if abs(instant.late_ms - common_ms) > max(CERTAIN_SIGMAS * instant.sd_ms, min_ms)
         }
 
     def jitter_ms(self, period_ms: float) -> float | None:
@@ -425,7 +424,7 @@ def _fit_offset(
         # A rate leaves no drift; a wrong calibration leaves one where the motion changes its direction.
         change = structs.replace(change, drift=change.drift + more, drift_sd=drift_sd)
         is_wrong = recorded_px > 2 * TYPICAL_AT_REST_PX or scatter_ms(left, period_ms)[1]
-        is_wrong |= abs(change.drift) < ODD_INSTANT_SIGMAS * drift_sd
+        is_wrong |= abs(change.drift) < CERTAIN_SIGMAS * drift_sd
     if is_wrong:
         return _fit_offset(crossings, still, period_ms, recorded_px, steady=True)
     offset_ms = float(fit.values[0])
@@ -616,7 +615,7 @@ class _Fit:
         pull = self.weights * own / (self.weights @ (own * column) + period_ms**-2)
         rows_ms = float(pull @ self.miss)
         sd_ms = self._scatter(pull * (self.miss - rows_ms * own))
-        is_clear = abs(rows_ms) > max(ROW_FRAMES * period_ms, ROW_SIGMAS * sd_ms)
+        is_clear = abs(rows_ms) > max(ROW_FRAMES * period_ms, CERTAIN_SIGMAS * sd_ms)
         return rows_ms if is_clear and down.std() > MIN_ROWS else 0.0
 
     def part_off_ms(self) -> list[float]:
@@ -639,7 +638,7 @@ class _Fit:
         sigmas = (late - np.average(late, weights=sds**-2)) / sds
         farthest = int(np.argmax(np.abs(sigmas)))
         free = max(1, len(sigmas) - 1)
-        clear = sigmas @ sigmas > free + PARTS_SIGMAS * np.sqrt(2 * free)
+        clear = sigmas @ sigmas > free + CERTAIN_SIGMAS * np.sqrt(2 * free)
         return [float(sigmas[farthest] * sds[farthest])] if clear else []
 
     def _scatter(self, pull: Array) -> float:

@@ -17,16 +17,14 @@ from reconstruction.depth.calibrated_image import CalibratedImage, SourceView
 from reconstruction.depth.geometric_consistency import MAX_ANGLE_DEG
 from reconstruction.depth.plane_sweep import Surface
 from reconstruction.depth.sweep_kernels import Agreement, compare_surfaces
+from reconstruction.method.truth import DEPTH_TOLERANCE
+from reconstruction.methods.multiview.edge_sharpening import depth_edges
 from reconstruction.methods.multiview.sweep_matcher import ViewDepth, voting_views
 
 Terms = dict[str, Array | float]
 """What is known of the depths of a view, by the names of `WEIGHTS`; arrays are float32 height x width."""
-TOLERANCE = 0.02
-"""Relative error up to which a depth is right, as in `reconstruction.method.truth`."""
 CLOSE = 0.005
 """Relative difference of depth within which a view agrees closely."""
-JUMP = 0.04
-"""Relative change of depth between neighbouring pixels that is an edge."""
 FAR_FROM_EDGES_PX = 20
 AROUND_PX, MEDIAN_PX = 15, 5
 """Sides of the neighbourhoods of the surroundings and of the median."""
@@ -117,7 +115,7 @@ class DepthSupport(NamedTuple):
         )
         excess = max(residual_px**2 - POINTS_PX**2, 0.0)
         pose_px = factor * self.rotation_gain * math.sqrt(excess)
-        scale_px = self.worth_px * (scale_error / TOLERANCE)
+        scale_px = self.worth_px * (scale_error / DEPTH_TOLERANCE)
         sigma_px = np.hypot(np.hypot(scale_px, pose_px), math.hypot(MATCHING_PX, ASKEW * excess, unseen_px))
         # The degrees of freedom of a sum of known and estimated variances (Welch and Satterthwaite).
         freedom = FREEDOM * (self.cameras - 1) * (sigma_px / np.maximum(pose_px, 1e-3)) ** 4
@@ -161,7 +159,7 @@ def measure_terms(
 def _votes(
     surface: Surface, voters: Sequence[tuple[SourceView, Surface]], known: Array
 ) -> tuple[Terms, Array, Array]:
-    """Return the terms by other views, their motion by `TOLERANCE` of the depth, px, and `rotation_gain`.
+    """Return the terms by other views, `worth_px`, and `rotation_gain`.
 
     The gain is of the least squares of all views' motions: a turn of a view moves its own match, one of this
     camera moves all of them alike, so that only motions to opposite sides make up for it.
@@ -172,7 +170,7 @@ def _votes(
     cosine = float(np.cos(np.radians(MAX_ANGLE_DEG)))
     for view, other in voters:
         same, sees = compare_surfaces(
-            level, view, other.inverse_depth, Agreement(TOLERANCE, TOLERANCE, 0.0, cosine)
+            level, view, other.inverse_depth, Agreement(DEPTH_TOLERANCE, DEPTH_TOLERANCE, 0.0, cosine)
         )
         agreeing += same
         able += sees
@@ -206,14 +204,12 @@ def _surroundings(surface: Surface, known: Array) -> Terms:
 
 
 def _moved_px(view: SourceView, level: Array) -> Array:
-    """Return the motion in a source (2, ...), px, by `TOLERANCE` of the depth; 0 behind the source."""
-    (x, y, _), (moved_x, moved_y, _) = (view.project(level * np.float32(f)) for f in (1, 1 + TOLERANCE))
+    """Return the motion in a source (2, ...), px, by `DEPTH_TOLERANCE` of the depth; 0 behind the source."""
+    (x, y, _), (moved_x, moved_y, _) = (view.project(level * np.float32(f)) for f in (1, 1 + DEPTH_TOLERANCE))
     return np.asarray(np.nan_to_num([moved_x - x, moved_y - y]))
 
 
 def _distance_to_edges(level: Array) -> Array:
     """Return the distance, px, of each pixel from the nearest edge of depth; at most `FAR_FROM_EDGES_PX`."""
-    around = np.ones((3, 3), np.uint8)
-    jumps = cv2.dilate(level, around) > (1 + JUMP) * cv2.erode(level, around)
-    distance = cv2.distanceTransform((~jumps).astype(np.uint8), cv2.DIST_L2, 5)
+    distance = cv2.distanceTransform((~depth_edges(level)).astype(np.uint8), cv2.DIST_L2, 5)
     return np.asarray(np.minimum(distance, FAR_FROM_EDGES_PX))

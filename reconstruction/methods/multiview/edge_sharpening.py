@@ -44,6 +44,12 @@ def _weights() -> Array:
 LIKENESS = _weights()
 
 
+def depth_edges(level: Array) -> Array:
+    """Return the pixels (bool) beside which the inverse depth jumps."""
+    around = np.ones((3, 3), np.uint8)
+    return np.asarray(cv2.dilate(level, around) > (1 + MIN_JUMP) * cv2.erode(level, around))
+
+
 def sharpen_edges(surface: Surface, source_views: Sequence[SourceView], where: Array) -> Surface:
     """Return the surface with pixels beside a jump of depth moved to its farther side where likely.
 
@@ -52,9 +58,9 @@ def sharpen_edges(surface: Surface, source_views: Sequence[SourceView], where: A
     better there. Only pixels of the mask `where` (bool) move.
     """
     level = surface.inverse_depth
-    around, small = np.ones((2 * REACH_PX - 1,) * 2, np.uint8), np.ones((3, 3), np.uint8)
-    jumps = where & (cv2.dilate(level, small) > (1 + MIN_JUMP) * cv2.erode(level, small))
-    pixels = np.flatnonzero(cv2.dilate(jumps.astype(np.uint8), around)).astype(np.int32)
+    around = np.ones((2 * REACH_PX - 1,) * 2, np.uint8)
+    edges = cv2.dilate((where & depth_edges(level)).astype(np.uint8), around)
+    pixels = np.flatnonzero(edges).astype(np.int32)
     sharpened = floats(np.stack(surface))
     near, far = np.empty(len(pixels), np.float32), np.empty((3, len(pixels)), np.float32)
     given = *level.shape, sharpened, ctypes.c_int64(len(pixels)), pixels, REACH_PX

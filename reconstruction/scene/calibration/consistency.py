@@ -60,7 +60,7 @@ REFUSED_PX = 3.0
 MIN_BLAME = 0.3
 """Minimum fraction of inconsistent pairs and triples of a moved camera; below it the matches are wrong."""
 MIN_RAY_ANGLE_DEG = 1.0
-"""Minimum angle between the rays of a track."""
+"""Minimum angle between the rays of a track, or to a mark."""
 FAR_PX = 1000.0
 """Maximum distance of a projected point, and that of one behind a camera."""
 MAX_RELATIVE_DISTANCE = 1e6

@@ -19,15 +19,12 @@ from capture_app.session.format.camera_labels import require_camera
 from reconstruction.common.geometry import Array, View, angle_deg
 from reconstruction.scene.calibration.board_bundle import rig_from_board
 from reconstruction.scene.calibration.board_calibration import BoardCorners, corners_by_moment
-from reconstruction.scene.calibration.consistency import reprojection_errors, triangulate
+from reconstruction.scene.calibration.consistency import MIN_RAY_ANGLE_DEG, reprojection_errors, triangulate
 from reconstruction.scene.conditions import evenly_spaced
 from reconstruction.scene.pairs import size_above_features
 
 MAX_MARK_ERROR_PX = 8.0
 """Maximum error of a mark in images at most MAX_SIDE_PX wide; marks are set by hand."""
-MIN_ANGLE_DEG = 1.0
-"""Minimum angle between the rays to a mark."""
-
 
 Marks = Mapping[str, tuple[tuple[float, float], tuple[float, float]]]
 """Pixels (x, y) of two points in each of two or more cameras."""
@@ -62,7 +59,10 @@ def marked_points(views: Mapping[str, View], marks: Marks, labels: Mapping[str, 
                     hint="mark the same two things, in the same order, in every camera",
                 )
     for end in ends:
-        if max(angle_deg(end - a.centre, end - b.centre) for a, b in combinations(seen, 2)) < MIN_ANGLE_DEG:
+        if (
+            max(angle_deg(end - a.centre, end - b.centre) for a, b in combinations(seen, 2))
+            < MIN_RAY_ANGLE_DEG
+        ):
             raise BadInputError(
                 f"{' and '.join(known[name] for name in marks)} see the marks from nearly the same place",
                 hint="mark them in cameras that stand further apart",

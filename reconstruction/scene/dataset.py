@@ -28,9 +28,6 @@ from reconstruction.common.image_files import image_size, read_image, refuse_odd
 from reconstruction.common.memory import ByteCache, memory_budget
 from reconstruction.common.picture_checksums import picture_checks
 
-CACHE_FRACTION = 0.12
-"""Fraction of the memory budget for cached decoded images."""
-
 
 def shift_times(
     records: Iterable[ImageRecord],
@@ -425,7 +422,8 @@ class Dataset:
 
     def _image_cache(self) -> ByteCache:
         """Return a cache of images by camera and instant, all at the current scale."""
-        return ByteCache(self._read_image, int(CACHE_FRACTION * memory_budget().limit_bytes))
+        # About an eighth of what there is.
+        return ByteCache(self._read_image, int(0.12 * memory_budget().limit_bytes))
 
     def _read_image(self, camera: str, instant: int) -> Array:
         path = self.session.image_file(self._records[camera, instant])

@@ -29,8 +29,6 @@ SHAKE_PX = 0.7
 """Maximum shift of a static edge that is not motion, as with a vibrating camera."""
 WHITE = 254
 """Grey level from which a pixel may be saturated."""
-BACKGROUND_ROWS = 256
-"""Number of rows of which a median is taken at a time."""
 MARGIN_PX = 5
 """Margin around what moves, within which nothing counts as at rest."""
 MIN_CELLS = 8
@@ -43,8 +41,7 @@ def median_background(images: Sequence[Array]) -> Array:
     """Return the static background of a burst: the median over time of its grey images, uint8."""
     background = np.empty_like(images[0])
     # The median copies its input; a few rows at a time keep the copies small.
-    for top in range(0, len(background), BACKGROUND_ROWS):
-        rows = slice(top, top + BACKGROUND_ROWS)
+    for rows in np.array_split(np.arange(len(background)), 1 + len(background) // 256):
         background[rows] = np.median(np.stack([image[rows] for image in images]), axis=0)
     return background
 

@@ -1,5 +1,6 @@
 """Camera pairs: matches of points at rest, homographies, and suitability for depth or a panorama."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
@@ -21,9 +22,7 @@ STILL_RATIO = 0.75
 MIN_MATCHES = 25
 """Minimum number of matches of two cameras that overlap."""
 GRID = (8, 6)
-"""Cells of an image, across and down."""
-CELLS = GRID[0] * GRID[1]
-"""Cells across, down and in total of the grid that measures how features cover an image."""
+"""Cells across and down of the grid that measures how features cover an image."""
 MAX_CANVAS_FRACTION = 8.0
 """Maximum canvas area, in reference images: cameras that look some 60 degrees off their common plane."""
 OVERLAP_LIMITS = (0.15, 0.8)
@@ -32,8 +31,6 @@ EPIPOLAR_PX = 3.0
 """Maximum epipolar error of a match."""
 BEST_PARALLAX_DEG = 10.0
 """Parallax beyond which two views look too different for dense matching."""
-MAX_REPORTED = 3
-"""Maximum number of pairs whose reasons are listed in a sentence."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -227,10 +224,9 @@ def choose_stereo_pair(views: Mapping[str, View], points: Mapping[str, Features]
 
 
 def describe_left_out(left_out: Mapping[str, str]) -> str:
-    """Describe why pairs are left out, naming at most `MAX_REPORTED` pairs."""
-    listed = [f"{pair}: {why}" for pair, why in list(left_out.items())[:MAX_REPORTED]]
-    more = [f"and {len(left_out) - MAX_REPORTED} more pairs"] if len(left_out) > MAX_REPORTED else []
-    return "; ".join(listed + more)
+    """Describe why pairs are left out, naming three of them."""
+    first, others = [f"{pair}: {why}" for pair, why in left_out.items()][:3], len(left_out) - 3
+    return "; ".join([*first, f"and {others} more pairs"] if others > 0 else first)
 
 
 def _near_epipolar_lines(a: View, b: View, at_a: Array, at_b: Array) -> Array:
@@ -245,7 +241,7 @@ def _near_epipolar_lines(a: View, b: View, at_a: Array, at_b: Array) -> Array:
 def _stereo_score(a: View, b: View, at_a: Array, at_b: Array) -> tuple[float, str]:
     rotation, apart = other_from_reference(a, b)[0], b.centre - a.centre
     parallax = float(np.median(angles_deg(a.rays(at_a) @ rotation.T, b.rays(at_b))))
-    shared = len(grid_cells(at_a, a.width, a.height)) / CELLS
+    shared = len(grid_cells(at_a, a.width, a.height)) / math.prod(GRID)
     ahead = abs(float(a.axis @ apart)) / float(np.linalg.norm(apart))
     score = shared * (1 - np.exp(-parallax / 1.5)) * np.exp(-((parallax / BEST_PARALLAX_DEG) ** 2))
     step = np.abs(a.rotation @ apart)[:2]

@@ -83,16 +83,12 @@ FINE_PARTS, PART_INSTANTS, PART_MS = 4, 8, 0.3
 """Number of finer parts, the fewest instants that tell a part's own offset, and its systematic error. The
 chi-squared of bodies of one time is at most 1.1 times the one expected, of people 6 ms late before a
 television 4 and 8 times (simulated)."""
-ROW_STEPS, ROW_BINS = 20, 16
-"""Steps of the offset's change from the middle row to the last, up to a period, and of a period's offsets."""
 CLEARER_ROWS, MIN_ROWS = 1.25, 0.1
 """Minimum ratio of crossings that agree if rows have own offsets, and scatter of an instant's rows, in halves
 of the image. With one offset the ratio is 1.07 at most, with opposite rolling shutters 1.75 (simulated)."""
 ROW_FRAMES = 0.1
 """Minimum change of the offset from the middle row to the last, in periods. With one offset it is 0.05 at
 most, with rolling shutters of 25 and 8 ms 0.22 to 0.26 (simulated)."""
-ROW_FITS = 4
-"""Number of fits that approach the offsets of rows: each looks at the crossings near the one before."""
 INDEPENDENT = 1.2
 """Minimum von Neumann ratio of jitter; with less the offsets drift, as with a wrong calibration."""
 
@@ -371,7 +367,8 @@ def fit_offset(
     crosses its line. The error bar includes any part of the offset that such an error could explain.
     """
     rows_ms, fit = _voted_rows_ms(crossings, period_ms), OffsetFit()
-    for _ in range(ROW_FITS):
+    # Each of these fits looks at the crossings near the one before: they approach the offsets of rows.
+    for _ in range(4):
         middle = crossings.later(-rows_ms * places(crossings.geometry)[:, 1])
         fit = _fit_offset(middle, still, period_ms, recorded_px)
         rows_ms += fit.rows_ms
@@ -460,12 +457,13 @@ def _voted_rows_ms(seen: Crossings, period_ms: float) -> float:
     """Return the offset's growth from the middle row to the last, ms; 0 unless far more crossings agree."""
     seen = seen.only(np.abs(seen.across_px_per_ms) * period_ms > MIN_ACROSS_PX)
     down = places(seen.geometry)[:, 1]
-    slopes = np.linspace(-period_ms, period_ms, 2 * ROW_STEPS + 1)
+    # Growths in steps of a twentieth of a period; crossings agree within some sixteenths of one.
+    slopes = np.linspace(-period_ms, period_ms, 41)
     late_ms, reach_ms = (seen.offset_ms - ms * down for ms in slopes), (-10 * period_ms, 10 * period_ms)
-    counts = (np.histogram(ms, 20 * ROW_BINS, reach_ms, weights=seen.counts)[0] for ms in late_ms)
+    counts = (np.histogram(ms, 20 * 16, reach_ms, weights=seen.counts)[0] for ms in late_ms)
     agreeing = np.array([np.convolve(count, np.ones(3)).max() for count in counts])
     if (
-        agreeing.max() < max(MIN_VOTES, CLEARER_ROWS * agreeing[ROW_STEPS])
+        agreeing.max() < max(MIN_VOTES, CLEARER_ROWS * agreeing[len(slopes) // 2])
         or _rows_apart(seen).std() < MIN_ROWS
     ):
         return 0.0

@@ -25,8 +25,6 @@ CLEAR = 6.0
 """Minimum ratio of a lamp's brightness change to the other changes of brightness."""
 MIN_FRACTION = 0.02
 """Minimum change of brightness by a lamp, as a fraction of the brightness."""
-MIN_RISE = 8.0
-"""Minimum difference of a pixel between dark and lit, in grey levels."""
 COVERED = 0.5
 """Minimum fraction of an edge's ramp that must be covered by rows that were read out."""
 MIN_ROWS = 6
@@ -155,8 +153,8 @@ def _edge(
         for edge in ((early, late) if rising else (late, early))
     )
     rise = bright - dark
-    # White pixels show no difference.
-    usable = (rise > MIN_RISE) & (bright < 250)
+    # Smaller differences are noise, and white pixels show none.
+    usable = (rise > 8) & (bright < 250)
     lit, sd = np.stack([_lit_rows(dataset.grey(camera, k), dark, rise, usable) for k in shown], axis=1)
     known = np.isfinite(lit)
     return BlinkEdge(
@@ -182,7 +180,7 @@ def _lit_rows(image: Array, dark: Array, rise: Array, usable: Array) -> tuple[Ar
 
 
 def fit_ramp(edges: Sequence[BlinkEdge], height: int) -> Ramp:
-    """Fit the brightness ramp that all edges share; at most `MAX_FITTED` edges are used.
+    """Fit the brightness ramp that all edges share, by at most six of them.
 
     `height` is the number of rows of the images.
     """

@@ -48,8 +48,6 @@ from reconstruction.time_offsets.rough_offset import RoughOffset, find_rough_off
 from reconstruction.time_offsets.screens import find_screen
 from reconstruction.time_offsets.single_images import repeated_images
 
-MARGIN_PX = 16
-"""Margin around a moving region, so that points at its edge get descriptors too."""
 MAX_DRIFT_PX = 0.5
 """Maximum distance from its start of a point tracked to the neighbouring image and back."""
 MATCH_RATIO = 0.8
@@ -68,8 +66,8 @@ GUESSED_IN_MOTION = (
     "the calibration is a guess from pictures of moving cameras, in which a delay looks like another place: "
     "calibrate with a board"
 )
-TURNS, NEARLY_ALL, EVENLY = 5, 0.7, 0.8
-"""Instants at which a turn is looked for, fraction of moving points that turn, and ratio of its speeds."""
+NEARLY_ALL, EVENLY = 0.7, 0.8
+"""Minimum fraction of moving points that turn, and minimum ratio of a turn's speeds."""
 MIN_CIRCLING_PX, MIN_ROTATION = 1.0, 0.05
 """Minimum motion of a point, and minimum turn (rad), from frame to frame."""
 
@@ -289,7 +287,8 @@ class PairOffsets:
         points' affine motion from an image to the next are a turn's, also seen from aside.
         """
         turns, seen = [], [one.instant for one in fit.instants]
-        for before in evenly_spaced([k for k in seen if self.dataset.has_image(camera, k + 1)], TURNS):
+        # At five instants.
+        for before in evenly_spaced([k for k in seen if self.dataset.has_image(camera, k + 1)], 5):
             images = [self._points(camera, instant, False) for instant in (before, before + 1)]
             matched = match_descriptors(images[0][0], images[1][0], MATCH_RATIO)
             at, after = (positions[1][chosen] for (_, positions), chosen in zip(images, matched, strict=True))
@@ -396,8 +395,9 @@ class PairOffsets:
         image = data.grey(camera, instant)
         moving = np.ones(image.shape, bool) if all_moves else self._bodies(camera, instant)
         left, top, wide, tall = cv2.boundingRect(moving.astype(np.uint8))
-        corner = max(0, left - MARGIN_PX), max(0, top - MARGIN_PX)
-        part = np.s_[corner[1] : top + tall - 1 + MARGIN_PX, corner[0] : left + wide - 1 + MARGIN_PX]
+        # With a margin of 16 px, so that points at its edge get descriptors too.
+        corner = max(0, left - 16), max(0, top - 16)
+        part = np.s_[corner[1] : top + tall + 15, corner[0] : left + wide + 15]
         # Larger regions than 960 px are reduced before points are detected in them.
         points = detect_features(image[part], 960, 400, FAINT_CONTRAST, allowed=moving[part])
         at, raw = points.positions + corner, points.descriptors

@@ -26,8 +26,8 @@ DISTINCT = 1.5
 """Ratio of an offset's agreeing crossings to another's from which the other is not tried again."""
 DISTINCT_AT_ONCE = 1.2
 """The same at the same instants, at which a motion that repeats has nearly as many in every period."""
-COMPARED_INSTANTS, MIN_COMPARED = 24, 6
-"""Maximum and minimum number of instants at which two offsets are compared."""
+MIN_COMPARED = 6
+"""Minimum number of instants at which two offsets are compared."""
 REPEATS = 0.5
 """Minimum correlation of the amount of motion with itself, a lag later, for a motion that repeats."""
 
@@ -164,14 +164,14 @@ def _overlap_ms(first: Activity, second: Activity, late_ms: float) -> float:
 def _excludes(measure: Callable[..., OffsetFit], best_ms: float, other_ms: float, period_ms: float) -> bool:
     """Return whether clearly more points agree on one offset than on the other.
 
-    They are compared at instants that have images for both, else at each one's own. An offset that has too
-    few is not excluded.
+    They are compared at up to 24 instants that have images for both, else at each one's own. An offset that
+    has too few is not excluded.
     """
     reach_ms = MAX_ERROR_FRAMES * period_ms
 
     def compared(best_beside_ms: float | None, other_beside_ms: float | None, distinct: float) -> bool | None:
         best, other = (
-            measure(COMPARED_INSTANTS, rough=(near_ms, reach_ms), beside_ms=beside_ms)
+            measure(24, rough=(near_ms, reach_ms), beside_ms=beside_ms)
             for near_ms, beside_ms in ((best_ms, best_beside_ms), (other_ms, other_beside_ms))
         )
         if min(best.examined, other.examined) < MIN_COMPARED:

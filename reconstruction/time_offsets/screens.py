@@ -15,8 +15,8 @@ from reconstruction.time_offsets.repetition import middle_images
 from reconstruction.time_offsets.rough_offset import MIN_IMAGES
 from reconstruction.time_offsets.single_images import STALLED
 
-CELL_PX, MIN_CHANGE = 8, 1.0
-"""Side of a cell of the reduced image, and its least change that is motion, mean grey levels beyond noise."""
+MIN_CHANGE = 1.0
+"""Minimum change of a pixel or a cell of the reduced image that is motion, grey levels beyond noise."""
 MIN_CELLS = 4
 """Minimum number of cells that stall at once, while as many others move on: else the camera itself stalls."""
 EDGE_PX, MIN_WITHIN = 12, 0.55
@@ -42,9 +42,9 @@ def find_screen(dataset: Dataset, camera: str) -> Array:
 
 
 def _find_stalling(changes: Array) -> Array:
-    """Return the cells (bool) of changes (t, h, w) in which things stall and move on, again and again."""
-    cells = -(-changes.shape[2] // CELL_PX), -(-changes.shape[1] // CELL_PX)
-    changed = np.stack([cv2.resize(change, cells, interpolation=cv2.INTER_AREA) for change in changes])
+    """Return the cells (bool; 8 x 8 px) of changes (t, h, w) in which things stall and move on repeatedly."""
+    high, wide = (-(-side // 8) for side in changes.shape[1:])
+    changed = np.stack([cv2.resize(change, (wide, high), interpolation=cv2.INTER_AREA) for change in changes])
     beside = np.minimum(changed[:-2], changed[2:])
     stalls, moves = changed[1:-1] < STALLED**2 * beside, changed[1:-1] > STALLED * beside
     at_once = np.all(
@@ -52,7 +52,7 @@ def _find_stalling(changes: Array) -> Array:
     )
     # At 30 images a second each sixth shows a screen's picture of 25 again; in real films 7 % stall at most.
     if at_once.sum() < max(2, len(at_once) / 10):
-        return np.zeros(cells[::-1], bool)
+        return np.zeros((high, wide), bool)
     # What people hide at one time is seen at another; what changes less lies between.
     ever = np.pad((stalls & (beside > MIN_CHANGE))[at_once].any(axis=0).astype(np.uint8), 2)
     whole = cv2.morphologyEx(ever, cv2.MORPH_CLOSE, np.ones((5, 5)))[2:-2, 2:-2]

@@ -25,9 +25,6 @@ Terms = dict[str, Array | float]
 """What is known of the depths of a view, by the names of `WEIGHTS`; arrays are float32 height x width."""
 CLOSE = 0.005
 """Relative difference of depth within which a view agrees closely."""
-FAR_FROM_EDGES_PX = 20
-AROUND_PX, MEDIAN_PX = 15, 5
-"""Sides of the neighbourhoods of the surroundings and of the median."""
 MAX_STEP, MAX_UNEVEN = 0.1, 0.02
 """Relative differences of depth from which a step, and a difference from the median, count in full."""
 AGAINST = 0.25
@@ -190,14 +187,14 @@ def _votes(
 
 def _surroundings(surface: Surface, known: Array) -> Terms:
     """Return the terms by the surroundings in the view's own depth map, which is `known` there."""
-    level = np.maximum(surface.inverse_depth, 1e-12)
-    step = np.log(level / cv2.erode(level, np.ones((AROUND_PX, AROUND_PX))))
-    uneven = np.minimum(np.abs(level / cv2.medianBlur(level, MEDIAN_PX) - 1) / MAX_UNEVEN, 1)
+    level, around = np.maximum(surface.inverse_depth, 1e-12), np.ones((15, 15))
+    step = np.log(level / cv2.erode(level, around))
+    uneven = np.minimum(np.abs(level / cv2.medianBlur(level, 5) - 1) / MAX_UNEVEN, 1)
     return {
         "constant": 1.0,
         "beside": 1 / (1 + _distance_to_edges(level)),
         "in_front": np.minimum(step / MAX_STEP, 1),
-        "holes": 1 - cv2.blur(known.astype(np.float32), (AROUND_PX, AROUND_PX)),
+        "holes": 1 - cv2.blur(known.astype(np.float32), around.shape),
         "uneven": uneven,
         "all_uneven": float(uneven[known].sum()) / max(int(known.sum()), 1),
     }
@@ -210,6 +207,6 @@ def _moved_px(view: SourceView, level: Array) -> Array:
 
 
 def _distance_to_edges(level: Array) -> Array:
-    """Return the distance, px, of each pixel from the nearest edge of depth; at most `FAR_FROM_EDGES_PX`."""
+    """Return the distance, px, of each pixel from the nearest edge of depth; at most 20."""
     distance = cv2.distanceTransform((~depth_edges(level)).astype(np.uint8), cv2.DIST_L2, 5)
-    return np.asarray(np.minimum(distance, FAR_FROM_EDGES_PX))
+    return np.asarray(np.minimum(distance, 20))

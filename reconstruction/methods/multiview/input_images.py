@@ -17,8 +17,6 @@ from reconstruction.scene.moving_pixels import SceneMotion, dilate
 from reconstruction.scene.pairs import detect_features
 from reconstruction.scene.scene import Scene
 
-EDGE_PX = 2
-"""Distance from pixels outside the original image within which nothing is matched."""
 MIN_CONTRAST = 2.0
 """Standard deviation of grey levels (of 255) below which an image is empty."""
 
@@ -42,8 +40,8 @@ class InputImage:
         if self.view.lens.is_straight:
             return np.zeros(self.colours.shape[:2], bool)
         there = undistort_nearest(self.view, np.ones(self.colours.shape[:2], np.uint8))
-        # The edge of what is filled with black is no edge of an object.
-        inside = cv2.erode(there, np.ones((2 * EDGE_PX + 1,) * 2, np.uint8), borderValue=1)
+        # The edge of what is filled with black is no edge of an object: nothing is matched within 2 px of it.
+        inside = cv2.erode(there, np.ones((5, 5), np.uint8), borderValue=1)
         return np.asarray(inside == 0)
 
 

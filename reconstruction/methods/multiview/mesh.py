@@ -17,8 +17,6 @@ from reconstruction.common.native_libraries import foreign_calls, load_open3d
 from reconstruction.methods.multiview.fusion import SLACK, FusedCloud, find_denied, project_points
 from reconstruction.methods.multiview.sweep_matcher import ViewDepth
 
-NEIGHBOURS = 16
-"""Number of neighbours by which a point is judged an outlier."""
 MAX_JUMP = 0.006
 """Maximum relative difference of depths in a triangle, unless its corners are in one plane.
 
@@ -29,7 +27,7 @@ MAX_WIDTH_PX = 960
 """Width of the grid of triangles in wider maps."""
 MAX_SHOWN_POINTS = 150_000
 """Maximum number of points of a picture."""
-FRAME_PX, WIDE_DEG, GROUND_GREY = (480, 360), 65.0, 32
+FRAME_PX = 480, 360
 
 
 def build_mesh(
@@ -199,18 +197,21 @@ def draw_clouds(clouds: Mapping[str, tuple[Array, Array]], views: Sequence[View]
 
 
 def _draw_points(points: Array, colours: Array, eye: Array, middle: Array, up: Array) -> Array:
-    """Draw points as squares of 3 px, the nearest in front, as seen from `eye` towards `middle`."""
+    """Draw points as squares of 3 px, the nearest in front, as seen from `eye` towards `middle`.
+
+    The view is 65 degrees wide, its ground dark.
+    """
     width, height = FRAME_PX
     ahead = (middle - eye) / np.linalg.norm(middle - eye)
     rotation = look_along(ahead, -up).astype(np.float32)
     seen = (points.astype(np.float32) - eye.astype(np.float32)) @ rotation.T
     nearer = np.argsort(-seen[:, 2])
     nearer = nearer[seen[nearer, 2] > 1e-9]
-    flat = seen[nearer, :2] / seen[nearer, 2:] * (width / 2 / np.tan(np.radians(WIDE_DEG / 2)))
+    flat = seen[nearer, :2] / seen[nearer, 2:] * (width / 2 / np.tan(np.radians(65 / 2)))
     at = np.rint(np.add(flat, (width / 2, height / 2))).astype(int)
     inside = ((at > 0) & (at < (width - 1, height - 1))).all(1)
     square = np.add.outer([-width, 0, width], [-1, 0, 1]).ravel()
-    picture = np.full((height * width, 3), GROUND_GREY, np.uint8)
+    picture = np.full((height * width, 3), 32, np.uint8)
     # Later squares overwrite earlier ones.
     picture[(at[inside] @ (1, width))[:, None] + square] = colours[nearer[inside], None, ::-1]
     return picture.reshape(height, width, 3)
@@ -239,8 +240,8 @@ def _drop_outliers(o3d: Any, fused: FusedCloud) -> Any:
     cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(fused.points))
     cloud.normals = o3d.utility.Vector3dVector(fused.normals)
     cloud.colors = o3d.utility.Vector3dVector(fused.colours / 255)
-    enough = len(fused.points) > NEIGHBOURS
-    return cloud.remove_statistical_outlier(NEIGHBOURS, 2.5)[0] if enough else cloud
+    # By their distances from 16 neighbours.
+    return cloud.remove_statistical_outlier(16, 2.5)[0] if len(fused.points) > 16 else cloud
 
 
 def up_direction(rotations: Sequence[Array]) -> Array:

@@ -20,7 +20,7 @@ from capture_app.session.format.lens import triangulate_rays
 from reconstruction.common.geometry import Array, View, angle_deg, angles_deg, epipolar_errors_px
 from reconstruction.common.templates import render_sentences
 from reconstruction.scene.pairs import (
-    CELLS,
+    GRID,
     MIN_MATCHES,
     Features,
     grid_cells,
@@ -63,8 +63,6 @@ MIN_RAY_ANGLE_DEG = 1.0
 """Minimum angle between the rays of a track, or to a mark."""
 FAR_PX = 1000.0
 """Maximum distance of a projected point, and that of one behind a camera."""
-MAX_RELATIVE_DISTANCE = 1e6
-"""Distance of points at infinity, large compared to any rig."""
 
 
 Groups = dict[tuple[str, ...], Array]
@@ -81,8 +79,6 @@ ROTATION_PX = 0.5
 """Turn for which the error of two cameras' depth is said, px."""
 TYPICAL_WIDTH = 640
 """Image width below which the limit shrinks: exchanged cameras then differ by fewer pixels."""
-MAX_SUSPECTS = 12
-"""Maximum number of inconsistent cameras among which exchanged pairs are searched for."""
 SURE_LENSES, ROUGH_LENSES = 0.02, 0.1
 """Maximum relative 95 % errors of focal lengths by which depth can be said to be no better, as it is right
 within 2 %, and by which it can be judged at all."""
@@ -420,7 +416,8 @@ def triangulate(views: Sequence[View], pixels: Array) -> Array:
     behind = np.any([points @ view.rotation[2] + view.translation[2] <= 0 for view in views], axis=0)
     units = (ray / np.linalg.norm(ray, axis=1, keepdims=True) for ray in rays)
     towards = sum(unit @ view.rotation for unit, view in zip(units, views, strict=True))
-    points[behind] = MAX_RELATIVE_DISTANCE * np.asarray(towards)[behind]
+    # Far compared to any rig.
+    points[behind] = 1e6 * np.asarray(towards)[behind]
     return np.asarray(points)
 
 
@@ -499,10 +496,11 @@ def find_mixups(views: Views, features: Mapping[str, Features]) -> list[tuple[st
     left = _odd(now, groups, limit)
     while left:
         names = sorted({name for group in left for name in group})
+        # Pairs are searched for among at most twelve cameras: the time grows with their square.
         changes = [({name: upside_down(now[name])}, _turned(name, views)) for name in names]
         changes += [
             ({a: now[b], b: now[a]}, ("", f"the calibrations of {a} and {b} are exchanged"))
-            for a, b in combinations(names if len(names) <= MAX_SUSPECTS else (), 2)
+            for a, b in combinations(names if len(names) <= 12 else (), 2)
         ]
         tried = [(_odd(now | changed, groups, limit), changed, fault) for changed, fault in changes]
         excluded, changed, fault = min(tried, key=lambda trial: len(trial[0]))
@@ -585,7 +583,7 @@ def judge_calibration(views: Mapping[str, View], shared: SharedPoints) -> Calibr
         inlier_share=float(good.mean()) if len(good) else 0.0,
         reprojection_error_px=float(np.median(error[good])) if good.any() else None,
         triangulation_angle_deg=float(np.median(angle[good])) if good.any() else None,
-        coverage={name: len(own_cells) / CELLS for name, own_cells in cells.items()},
+        coverage={name: len(own_cells) / math.prod(GRID) for name, own_cells in cells.items()},
     )
 
 

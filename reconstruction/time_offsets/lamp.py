@@ -93,8 +93,7 @@ class BlinkEdge:
         place = float(places[k])
         if 0 < k < STEPS - 1:
             a, b, c = costs[k - 1], costs[k], costs[k + 1]
-            if a + c > 2 * b:
-                place += float(0.5 * (a - c) / (a + c - 2 * b) * (places[1] - places[0]))
+            place += float(0.5 * (a - c) / (a + c - 2 * b) * (places[1] - places[0]))
         return place, float(costs[k])
 
     def level(self, part: Array, ramp: Ramp) -> Array:

@@ -75,6 +75,7 @@ def test_a_cameras_motion_is_measured_over_half_a_second_or_half_the_burst() -> 
     still, px, ms = measure_camera_motion(film([60.0 * k for k in range(6)]), "a") or (0, 0, 0)
     assert (still, px, ms) == (0, pytest.approx(60, abs=2), pytest.approx(PERIOD_NS / 1e6))
     assert measure_camera_motion(film([0.0]), "a") is None
+    assert measure_camera_motion(film([0.0] * 2, missing=(0, 1)), "a") is None
     blank = film([0.0] * 5)
     blank.grey = lambda camera, k: np.full((240, 320), 90, np.uint8)
     assert measure_camera_motion(blank, "a") is None

@@ -33,6 +33,10 @@ def test_pictures_are_no_nearer_to_their_instants_than_their_stamps_are_known(tm
     edit_manifest(session, lambda manifest: manifest["images"][0].update(hard_bound_ns=None))
     unsure = Dataset.open(session.folder)
     assert (unsure.worst_residual_us(), unsure.worst_hard_bound_us()) == (21_004, None)
+    # Of images that are all of other instants, nothing is known.
+    edit_manifest(session, lambda manifest: [image.update(substitute=True) for image in manifest["images"]])
+    none = Dataset.open(session.folder)
+    assert (none.worst_residual_us(), none.worst_hard_bound_us()) == (None, None)
 
 
 def test_an_imported_session_says_its_error_and_how_it_was_measured(tmp_path: Path) -> None:

@@ -123,10 +123,10 @@ def test_edges_share_a_ramp_and_each_has_its_time(rising: bool) -> None:
 
 
 def test_the_best_place_lies_between_those_that_are_tried() -> None:
-    edge = ramp_edge(40.0, 6.0)
+    edge = ramp_edge(40.1, 6.0)
     place, cost = edge.place(39.0, 6.0, (6.0, 1.0))
-    assert place == pytest.approx(40.0, abs=0.02)
-    assert cost < 70
+    assert place == pytest.approx(40.1, abs=0.05)
+    assert cost < 75
     # At the border of what is tried, nothing lies between.
     assert edge.place(36.0, 2.0, (6.0, 1.0))[0] == 38.0
 

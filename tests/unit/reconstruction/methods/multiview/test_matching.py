@@ -13,6 +13,7 @@ from reconstruction.depth.calibrated_image import CalibratedImage, SourceView
 from reconstruction.depth.plane_sweep import PlaneSweep, Surface
 from reconstruction.depth.rough_scene import find_rough_scene
 from reconstruction.depth.sweep_kernels import cost_volume
+from reconstruction.methods.multiview import sweep_matcher
 from reconstruction.methods.multiview.sweep_matcher import ViewDepth, match_all_views
 from tests.unit.reconstruction.depth.array_sweep import pixels_per_inverse_depth
 from tests.unit.reconstruction.depth.small_views import (
@@ -116,6 +117,26 @@ def test_blank_views_are_empty_though_their_depths_agree(photos: dict[str, Calib
     assert all(not view.depth.any() for view in found.values())
     with pytest.raises(BadInputError, match="no matching points"):
         find_rough_scene(blank)
+
+
+def test_planes_that_are_laid_are_sharpened(
+    photos: dict[str, CalibratedImage], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pair = {name: photos[name] for name in ("left", "right")}
+    laid = {name: Surface(*np.ones((4, *photo.grey.shape), np.float32)) for name, photo in pair.items()}
+    given = list[Surface]()
+
+    def sharpen(surface: Surface, *_: object) -> Surface:
+        given.append(surface)
+        raise BadInputError("that is enough")
+
+    monkeypatch.setattr(sweep_matcher, "fit_blank_walls", lambda *_: (laid, None))
+    monkeypatch.setattr(sweep_matcher, "sharpen_edges", sharpen)
+    monkeypatch.setattr(PlaneSweep, "sweep", lambda _, image, *of: Surface(*np.zeros((4, *image.grey.shape))))
+    with pytest.raises(BadInputError, match="that is enough"):
+        match_all_views(pair, sources_of(pair), between(pair, 1.4, 4.0))
+    assert given
+    assert all((part == 1).all() for surface in given for part in surface)
 
 
 def test_brightness_may_differ_between_cameras(photos: dict[str, CalibratedImage]) -> None:

@@ -427,15 +427,18 @@ def test_a_laid_wall_goes_on_behind_what_windows_made_too_wide() -> None:
     rod[17:, 34:46] = True
     found = Surface(*(np.full((60, 80), value, np.float32) for value in (0.5, 0.0, 0.0, 0.9)))
     found.inverse_depth[rod], found.cost[rod] = 1.5, 0.1
+    found.cost[0, 0] = 0.1
     gradient = ScenePlane(WALL.normal, WALL.distance).inverse_depth_gradient(REFERENCE)
     number = np.full((30, 40), 1)
     choice = np.stack([np.zeros(3, np.float32), gradient]), number, np.ones((30, 40), bool)
     laid = lay_planes(found, image, ~rod, choice)
     wall = np.ones((60, 80), bool)
-    wall[20:, 38:42] = False
+    wall[20:, 38:42] = wall[0, 0] = False
     for part, exact in zip(laid[:3], true[:3], strict=True):
         assert part[wall] == pytest.approx(exact[wall], rel=1e-4)
-    assert (laid.inverse_depth[~wall] == 1.5).all()
+    assert (laid.inverse_depth[20:, 38:42] == 1.5).all()
+    # A pixel with evidence of its own keeps its depth, and only its neighbours could continue it.
+    assert laid.inverse_depth[0, 0] == 0.5
     assert (laid.cost[~rod] <= 0.45).all()
     assert (laid.cost[rod] == np.float32(0.1)).all()
     # Where no plane was chosen, or other evidence is there, all stays.

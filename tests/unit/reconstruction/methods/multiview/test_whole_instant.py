@@ -377,6 +377,14 @@ def test_a_cloud_is_scored_only_where_all_truth_is_known_and_something_moves(
     assert score_moving(dataset, images, "m", 2, cloud) is None
     lacking = ""
     assert score_moving(dataset, images, "m", 2, cloud) is None
+    # Of a late camera, the truth of both instants is needed.
+    monkeypatch.setattr(
+        instant_scoring,
+        "undistorted_truth",
+        lambda *of: None if of[2:] == ("right", 2) else undistorted_truth(*of),
+    )
+    late = {**images, "right": inputs.image("right", 3)}
+    assert score_moving(dataset, late, "m", 2, cloud) is None
 
 
 def test_runs_of_one_width_share_images_and_a_known_calibration_is_taken(trio: Session) -> None:

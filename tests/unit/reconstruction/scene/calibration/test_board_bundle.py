@@ -14,7 +14,7 @@ from capture_app.session.format.lens import Lens
 from reconstruction.common.geometry import Array, View, other_from_reference
 from reconstruction.scene.calibration import board_calibration
 from reconstruction.scene.calibration.board_bundle import Adjustment, Sightings, _borne_terms, adjust_bundle
-from reconstruction.scene.calibration.board_calibration import calibrate_from_board, calibrate_lens
+from reconstruction.scene.calibration.board_calibration import LensModel, calibrate_from_board, calibrate_lens
 from tests.unit.reconstruction.conftest import HEIGHT, WIDTH, make_view
 
 RIG = {
@@ -135,6 +135,9 @@ def test_a_fisheye_that_a_perspective_lens_nearly_fits_is_found(noise_px: float)
     found = calibrate_lens("wide", (640, 480), DEFAULT_BOARD, seen)
     assert found.is_fisheye
     assert found.matrix[0, 0] == pytest.approx(282, rel=0.005 if noise_px < 0.1 else 0.01)
+    # The model that is asked for is fitted, whatever the corners say.
+    asked = calibrate_lens("wide", (640, 480), DEFAULT_BOARD, seen, LensModel.PERSPECTIVE)
+    assert not asked.is_fisheye
 
 
 def test_what_a_term_that_is_left_out_had_explained_goes_to_the_others() -> None:

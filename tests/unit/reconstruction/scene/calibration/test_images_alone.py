@@ -280,6 +280,21 @@ def solve(colmap: Colmap, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, *, he
     return structure_from_motion._solve(colmap, work, {}, None, "SIMPLE_RADIAL", held=held)
 
 
+def test_a_likely_focal_length_is_that_of_its_own_camera() -> None:
+    cameras = [SimpleNamespace(camera_id=k, focal_length=9.0, has_prior_focal_length=False) for k in (1, 2)]
+    images = [SimpleNamespace(camera_id=k, name=f"{name}/background.png") for k, name in enumerate("ab", 1)]
+    written = list[Any]()
+    database = SimpleNamespace(
+        read_all_cameras=lambda: cameras,
+        read_all_images=lambda: images,
+        update_camera=written.append,
+        close=lambda: None,
+    )
+    colmap = SimpleNamespace(Database=SimpleNamespace(open=lambda path: database))
+    structure_from_motion._set_focal_lengths(colmap, Path("database.db"), {"b": 480.0})
+    assert written == [SimpleNamespace(camera_id=2, focal_length=480.0, has_prior_focal_length=True)]
+
+
 def test_global_mapping_is_followed_by_incremental_where_it_fails(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

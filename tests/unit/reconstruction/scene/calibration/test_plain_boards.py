@@ -160,8 +160,10 @@ def test_a_board_that_does_not_lie_or_is_seen_from_below_is_no_floor(tmp_path: P
         moved[name, 1] = dict(enumerate(pixels(view, LARGE, *held(1))))
     with pytest.raises(BadInputError, match="on the ground moves"):
         world_of_board(views, LARGE, moved, metric=True)
-    with pytest.raises(BadInputError, match="no two cameras see the board well enough"):
-        world_of_board(views, LARGE, {}, metric=True)
+    unknown = {("other", moment): found for (_, moment), found in corners.items()}
+    for unseen in ({}, unknown):
+        with pytest.raises(BadInputError, match="no two cameras see the board well enough"):
+            world_of_board(views, LARGE, unseen, metric=True)
     few = {key: dict(sorted(found.items())[: MIN_CORNERS - 1]) for key, found in corners.items()}
     bend = {"left": np.array([40.0, 0.0]), "right": np.zeros(2)}
     bent = {key: {n: at + n % 2 * bend[key[0]] for n, at in found.items()} for key, found in corners.items()}

@@ -8,6 +8,7 @@ import numpy as np
 
 from capture_app.common.errors import NotApplicableError
 from reconstruction.common.geometry import Array, View
+from reconstruction.common.joined_names import joined_to
 
 BEST_ANGLES_DEG = (2.5, 14.0)
 """Best parallax: below the first depth is uncertain; beyond the second a surface begins to look different."""
@@ -197,14 +198,6 @@ def smallest_group(sources: Mapping[str, Sequence[str]]) -> int:
 
     Two opposite pairs are groups of two: none of their points is in more than two maps.
     """
-    left = {name for name, others in sources.items() if others}
-    sizes = []
-    while left:
-        group = {left.pop()}
-        while linked := {
-            o for o in left if group & {*sources[o]} or any(o in sources[view] for view in group)
-        }:
-            group |= linked
-            left -= linked
-        sizes.append(len(group))
-    return min(sizes, default=0)
+    linked = [name for name, others in sources.items() if others]
+    links = [(name, other) for name in linked for other in sources[name] if other in linked]
+    return min((len(joined_to(name, links)) for name in linked), default=0)

@@ -9,13 +9,14 @@ import numpy as np
 from msgspec import Struct, structs
 
 from capture_app.common.instants import is_same_instant
+from reconstruction.common.joined_names import joined_to
 from reconstruction.method.study_result import StudyResult
 from reconstruction.scene.instant_choice import MIN_INSTANTS
 from reconstruction.time_offsets.camera_time import ImageTimes
 from reconstruction.time_offsets.crossings import InstantOffset, OffsetFit, fit_slope, scatter_ms
 from reconstruction.time_offsets.instant_votes import UNCHANGED, Change
 from reconstruction.time_offsets.pair_offset import PairOffsets
-from reconstruction.time_offsets.rig_offsets import joined_to, likely_pairs, measure_rig_offsets
+from reconstruction.time_offsets.rig_offsets import likely_pairs, measure_rig_offsets
 from reconstruction.time_offsets.single_images import SingleImages, stalled_images
 
 SIGMAS = 2.0

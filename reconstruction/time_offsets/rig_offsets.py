@@ -1,6 +1,6 @@
 """Time offsets of all cameras of a rig relative to one of them, from the offsets of camera pairs."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from itertools import combinations
 from typing import Any
 
@@ -10,6 +10,7 @@ from msgspec import structs
 from capture_app.console.terminal import Progress
 from capture_app.session.format.common_times import REFERENCE
 from reconstruction.common.geometry import angle_deg
+from reconstruction.common.joined_names import joined_to
 from reconstruction.common.worker_pool import worker_pool
 from reconstruction.scene.scene import Scene
 from reconstruction.time_offsets.camera_time import CameraTime
@@ -180,14 +181,6 @@ def with_own_changes(cameras: Mapping[str, CameraTime]) -> dict[str, CameraTime]
     if sum(change is not None for change in own.values()) > 1:
         return dict(cameras)
     return {name: structs.replace(camera, change=own.get(name)) for name, camera in cameras.items()}
-
-
-def joined_to(reference: str, pairs: Collection[Pair]) -> set[str]:
-    """Return the cameras that a chain of pairs joins to the reference, including itself."""
-    joined = {reference}
-    while more := {name for pair in pairs if joined & set(pair) for name in pair} - joined:
-        joined |= more
-    return joined
 
 
 def _why(name: str, measured: Mapping[Pair, OffsetFit], known: Mapping[Pair, object]) -> str:

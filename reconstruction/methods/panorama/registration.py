@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 
 from reconstruction.common.geometry import Array, View, angle_deg, resize_view
+from reconstruction.common.joined_names import joined_to
 from reconstruction.common.memory import memory_budget
 from reconstruction.methods.panorama.composition import Layer, Projection, compose_layers
 from reconstruction.scene.calibration.consistency import consistent_matches
@@ -287,16 +288,10 @@ def _find_overlap(at: tuple[Array, Array], a: View, b: View) -> PictureOverlap:
 
 def _largest_group(names: Sequence[str], overlaps: Mapping[tuple[str, str], PictureOverlap]) -> list[str]:
     """Return the largest group of images connected by overlaps."""
-    group = {name: {name} for name in names}
-    for (a, b), overlap in overlaps.items():
-        if overlap.confidence > 1 and group[a] is not group[b]:
-            group[a] |= group[b]
-            for name in group[b]:
-                group[name] = group[a]
-
+    joined = [pair for pair, overlap in overlaps.items() if overlap.confidence > 1]
     support = {pair: int(one.fits.sum()) for pair, one in overlaps.items()}
     best = max(
-        group.values(),
+        (joined_to(name, joined) for name in names),
         key=lambda members: (len(members), sum(support[pair] for pair in support if members >= set(pair))),
     )
     return [name for name in names if name in best]

@@ -3,6 +3,7 @@
 import pytest
 
 from capture_app.session.format.common_times import NOT_SYNCHRONIZED
+from reconstruction.common.joined_names import joined_to
 from reconstruction.method.timing import (
     Timing,
     judge_timing,
@@ -18,7 +19,6 @@ from reconstruction.method.timing import (
 from reconstruction.report.findings import sentences
 from reconstruction.time_offsets.crossings import InstantOffset, OffsetFit
 from reconstruction.time_offsets.instant_votes import Change, Step
-from reconstruction.time_offsets.rig_offsets import joined_to
 
 FRAME_MS = 33.3
 PAIR = ("L", "R")

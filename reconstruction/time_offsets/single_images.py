@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 from msgspec import Struct
 
+from capture_app.common.grouping import grouped
 from capture_app.common.text import count
 from reconstruction.common.geometry import Array
 from reconstruction.common.templates import render_sentences
@@ -56,9 +57,8 @@ class SingleImages(Struct, frozen=True, kw_only=True, omit_defaults=True):
 
     def describe(self, camera: str, than: str) -> Iterator[str]:
         """Yield a sentence about each kind, without a full stop."""
-        by_size: dict[str, list[int]] = {}
-        for instant, ms in sorted(self.glitches_ms.items()):
-            by_size.setdefault(_later(ms, self.period_ms), []).append(instant)
+        glitches = sorted(self.glitches_ms.items())
+        by_size = grouped((_later(ms, self.period_ms), instant) for instant, ms in glitches)
         yield from self.moved
         view = {"images": self, "camera": camera, "than": than, "by_size": by_size}
         for kind in ("screens", "rows", "glitches", "repeated", "stalled", "odd", "unvoted"):

@@ -16,6 +16,7 @@ import msgspec
 from msgspec import Struct
 
 from capture_app.common.errors import BadInputError, ExitCode
+from capture_app.common.grouping import grouped
 from capture_app.common.text import count, pretty_json
 from capture_app.session.files.durable import write_atomic
 from reconstruction.common import wording
@@ -150,8 +151,8 @@ def judged_rows(rows: Sequence[UnitRow]) -> list[UnitRow]:
 def group_medians(rows: Sequence[UnitRow]) -> tuple[Group, ...]:
     """Return one group for each session and condition that has a unit, in the rows' order."""
     groups = []
-    for session, condition in dict.fromkeys((row.session, row.condition) for row in rows if row.condition):
-        ours = [row for row in rows if (row.session, row.condition) == (session, condition)]
+    units = grouped(((row.session, row.condition), row) for row in rows if row.condition)
+    for (session, condition), ours in units.items():
         known = {name: [v for row in ours if (v := getattr(row, name)) is not None] for name in FIGURES}
         groups.append(
             Group(
@@ -171,12 +172,14 @@ def depth_sheets(root: Path, rows: Sequence[UnitRow]) -> list[dict[str, Any]]:
 
     Each sheet's `rows` has an entry for each condition, with a picture or None for each of the `instants`.
     """
-    pictured: dict[str, dict[tuple[str, int], str]] = {}
-    for row in rows:
-        if row.picture and row.instant is not None:
-            pictured.setdefault(row.session, {})[row.condition, row.instant] = row.picture
+    pictured = grouped(
+        (row.session, ((row.condition, row.instant), row.picture))
+        for row in rows
+        if row.picture and row.instant is not None
+    )
     sheets = []
-    for session, pictures in islice(pictured.items(), MAX_SHEETS):
+    for session, ours in islice(pictured.items(), MAX_SHEETS):
+        pictures = dict(ours)
         # More do not fit a page.
         instants = evenly_spaced(sorted({instant for _, instant in pictures}), 12)
         shown = [

@@ -17,6 +17,7 @@ from capture_app.board.boards import MIN_CORNERS, Checkerboard
 from capture_app.board.coverage import BoardCoverage, CoverageCount
 from capture_app.board.detector import Board, BoardDetector, Corners
 from capture_app.common.errors import BadInputError
+from capture_app.common.grouping import grouped
 from capture_app.common.text import count
 from capture_app.console.terminal import talk
 from capture_app.session.format.calibration import Calibration, LensKnowledge
@@ -197,20 +198,19 @@ def count_coverage(dataset: Dataset, board: Board, corners: BoardCorners) -> Boa
 
 def corners_by_moment(corners: BoardCorners) -> dict[int, dict[str, Corners]]:
     """Group corners by moment, then camera, in the order of moments."""
-    by_moment: dict[int, dict[str, Corners]] = {moment: {} for moment in sorted({k for _, k in corners})}
-    for (camera, moment), seen in corners.items():
-        by_moment[moment][camera] = seen
-    return by_moment
+    by_moment = grouped((moment, (camera, seen)) for (camera, moment), seen in corners.items())
+    return {moment: dict(by_moment[moment]) for moment in sorted(by_moment)}
 
 
 def shared_corners(corners: BoardCorners) -> dict[tuple[str, str], tuple[Array, Array]]:
     """Return, for pairs of cameras, the pixels of corners that both see at the same instant."""
-    shared: dict[tuple[str, str], list[tuple[Array, Array]]] = {}
-    for seen in corners_by_moment(corners).values():
-        for a, b in combinations(sorted(seen), 2):
-            both = sorted(seen[a].keys() & seen[b].keys())
-            shared.setdefault((a, b), []).extend((seen[a][i], seen[b][i]) for i in both)
-    pixels = {pair: np.stack(corners, axis=1) for pair, corners in shared.items() if corners}
+    shared = grouped(
+        ((a, b), (seen[a][i], seen[b][i]))
+        for seen in corners_by_moment(corners).values()
+        for a, b in combinations(sorted(seen), 2)
+        for i in sorted(seen[a].keys() & seen[b].keys())
+    )
+    pixels = {pair: np.stack(corners, axis=1) for pair, corners in shared.items()}
     return {pair: (at_a, at_b) for pair, (at_a, at_b) in pixels.items()}
 
 
@@ -284,10 +284,11 @@ def _seen_deg(view: View, seen: Sequence[Corners]) -> float:
 
 def _bundle_moments(corners: BoardCorners) -> set[int]:
     """Choose moments for the bundle adjustment: a limited number of each camera pair and each camera."""
-    groups: dict[frozenset[str], list[int]] = {}
-    for moment, seen in corners_by_moment(corners).items():
-        for who in [*combinations(seen, 2), *((name,) for name in seen)]:
-            groups.setdefault(frozenset(who), []).append(moment)
+    groups = grouped(
+        (frozenset(who), moment)
+        for moment, seen in corners_by_moment(corners).items()
+        for who in [*combinations(seen, 2), *((name,) for name in seen)]
+    )
     # The adjustment's time is cubic in its moments.
     chosen = {k for moments in groups.values() for k in evenly_spaced(moments, 20)}
     return set(evenly_spaced(sorted(chosen), 150))
@@ -301,11 +302,12 @@ def _rig_poses(
     dataset: Dataset, places: Array, corners: BoardCorners, lenses: Mapping[str, Lens]
 ) -> dict[str, tuple[Array, Array]]:
     """Return `cam_from_rig`, chained from the first camera through those that share most boards."""
-    shared: dict[frozenset[str], list[tuple[int, list[int]]]] = {}
-    for k, seen in corners_by_moment(corners).items():
-        for a, b in combinations(seen, 2):
-            if len(ids := sorted(seen[a].keys() & seen[b].keys())) >= MIN_CORNERS:
-                shared.setdefault(frozenset((a, b)), []).append((k, ids))
+    shared = grouped(
+        (frozenset((a, b)), (k, ids))
+        for k, seen in corners_by_moment(corners).items()
+        for a, b in combinations(seen, 2)
+        if len(ids := sorted(seen[a].keys() & seen[b].keys())) >= MIN_CORNERS
+    )
     poses = {dataset.cameras[0]: (np.eye(3), np.zeros(3))}
     while left := [b for b in dataset.cameras if b not in poses]:
         links = [(len(shared.get(frozenset((a, b)), ())), a, b) for a in poses for b in left]

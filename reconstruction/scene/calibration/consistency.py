@@ -15,6 +15,7 @@ import numpy as np
 from msgspec import Struct
 
 from capture_app.common.errors import BadInputError
+from capture_app.common.grouping import grouped
 from capture_app.session.format.calibration import LensKnowledge
 from capture_app.session.format.lens import triangulate_rays
 from reconstruction.common.geometry import Array, View, angle_deg, angles_deg, epipolar_errors_px
@@ -307,9 +308,7 @@ def find_tracks(views: Mapping[str, View], features: Mapping[str, Features]) -> 
         if len(names) == 2:
             for first, second in at.transpose(1, 0, 2).tolist():
                 root[find((names[0], *first))] = find((names[1], *second))
-    groups: dict[tuple[str, float, float], list[tuple[str, float, float]]] = {}
-    for place in list(root):
-        groups.setdefault(find(place), []).append(place)
+    groups = grouped((find(place), place) for place in list(root))
     # Two places in one camera: at least one match is wrong.
     whole = [group for group in groups.values() if 1 < len({name for name, *_ in group}) == len(group)]
     return [{name: np.array(at) for name, *at in group} for group in whole]
@@ -496,8 +495,8 @@ def find_mixups(views: Views, features: Mapping[str, Features]) -> list[tuple[st
     left = _odd(now, groups, limit)
     while left:
         names = sorted({name for group in left for name in group})
-        # Pairs are searched for among at most twelve cameras: the time grows with their square.
         changes = [({name: upside_down(now[name])}, _turned(name, views)) for name in names]
+        # Pairs are searched for among at most twelve cameras: the time grows with their square.
         changes += [
             ({a: now[b], b: now[a]}, ("", f"the calibrations of {a} and {b} are exchanged"))
             for a, b in combinations(names if len(names) <= 12 else (), 2)

@@ -227,7 +227,7 @@ def _multiple_view(layout: _Layout, instants: list[int]) -> PointCloud:
 def _blender(layout: _Layout, instants: list[int]) -> PointCloud:
     """Write D-NeRF's images, transforms_train.json and, of the first camera, transforms_test.json."""
     first = next(iter(layout.lenses))
-    frames: dict[str, list[dict[str, object]]] = {}
+    frames: list[dict[str, object]] = []
     times_ns = [layout.burst.instants_ns[instant] for instant in instants]
     lasts_ns = max(times_ns[-1] - times_ns[0], 1)
     for camera, lens in layout.lenses.items():
@@ -240,9 +240,9 @@ def _blender(layout: _Layout, instants: list[int]) -> PointCloud:
                 "time": (at_ns - times_ns[0]) / lasts_ns,
                 "transform_matrix": matrix,
             }
-            frames.setdefault(camera, []).append(entry)
+            frames.append(entry)
     angle = {"camera_angle_x": 2 * math.atan(_DNERF_PX / (2 * layout.lenses[first].fx))}
-    parts = {"train": [frame for group in frames.values() for frame in group], "test": frames[first]}
+    parts = {"train": frames, "test": frames[: len(instants)]}
     for part, entries in (parts | {"val": parts["test"]}).items():
         text = json.dumps({**angle, "frames": entries}, indent=1)
         (layout.folder / f"transforms_{part}.json").write_text(f"{text}\n", encoding="utf-8")

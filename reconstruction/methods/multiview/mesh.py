@@ -137,15 +137,13 @@ def join_maps(
         whole[~whole] = off_plane < MAX_JUMP * z[:, ~whole].min(0)
         triangles = triangles[whole]
         # What this map shows but no triangle of it contains is left to the others.
-        used = np.zeros(len(points), bool)
-        used[triangles] = True
+        used = np.isin(np.arange(len(points)), triangles)
         taken[name] = np.zeros_like(mine)
         taken[name][pixels] = used & mine[pixels]
         parts.append((points, picture[pixels][:, ::-1], triangles + count))
         count += len(points)
     points, colours, triangles = (np.concatenate(part) for part in zip(*parts, strict=True))
-    used = np.zeros(count, bool)
-    used[triangles] = True
+    used = np.isin(np.arange(count), triangles)
     return points[used], colours[used], (np.cumsum(used) - 1)[triangles]
 
 

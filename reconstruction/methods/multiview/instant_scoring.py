@@ -202,7 +202,8 @@ class InstantScorer:
         }
         static = self._still_control(instant, hidden)
         truth = self._true_depth(instant, static)
-        surfaces = self._true_surfaces(instant, shown)
+        full = {camera: self.undistorted.scene.views[camera] for camera in shown}
+        surfaces = known_surfaces(self.undistorted.dataset, full, instant) if self.unit == "m" else None
         measured = {name: Measurements() for name in maps}
         for name, found in maps.items():
             times = shown if name == "offset" else dict.fromkeys(shown, instant)
@@ -235,13 +236,6 @@ class InstantScorer:
     def _true_depth(self, instant: int, static: Array) -> Array | None:
         truth = self.undistorted.true_depth(self.reference, instant)
         return None if truth is None else true_depth_in_unit(truth, self.unit, self._still, static)
-
-    def _true_surfaces(self, instant: int, shown: Mapping[str, int]) -> dict[str, TrueSurface] | None:
-        """Return the true surfaces of an instant if the calibration is metric."""
-        if self.unit != "m":
-            return None
-        full = {camera: self.undistorted.scene.views[camera] for camera in shown}
-        return known_surfaces(self.undistorted.dataset, full, instant)
 
     def _measure_cloud(
         self,

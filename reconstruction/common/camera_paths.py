@@ -1,7 +1,7 @@
 """Paths of a virtual camera: through a rig's cameras, or around what they look at."""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
 
@@ -98,30 +98,33 @@ def frame_of(views: Mapping[str, View], subject: Array) -> Frame:
 def swing(views: Mapping[str, View], subject: Array, frames: int) -> list[View]:
     """Return views from one end of the rig to the other and back, as an endless film."""
     along = (1 - np.cos(2 * np.pi * np.arange(frames) / frames)) / 2
-    frame = frame_of(views, subject)
-    if _stand_around(views, subject):
-        return _looking_from(views, frame, _through_cameras(views, along))
-    return _looking_from(views, frame, [frame.place(2 * t - 1, 0) for t in along])
+    return _along(views, subject, along, 2 * along - 1, np.zeros(frames))
 
 
 def orbit(views: Mapping[str, View], subject: Array, frames: int) -> list[View]:
     """Return views on an ellipse within the rig, or once along all cameras that stand around the subject."""
     fractions = np.arange(frames) / frames
-    frame = frame_of(views, subject)
-    if _stand_around(views, subject):
-        return _looking_from(views, frame, _through_cameras(views, fractions))
     angles = 2 * np.pi * fractions
-    return _looking_from(views, frame, [frame.place(0.8 * np.cos(t), 0.8 * np.sin(t)) for t in angles])
+    return _along(views, subject, fractions, 0.8 * np.cos(angles), 0.8 * np.sin(angles))
 
 
 def stand_still(views: Mapping[str, View], subject: Array, frames: int) -> list[View]:
     """Return equal views from the middle of the rig."""
-    frame = frame_of(views, subject)
-    return _looking_from(views, frame, [frame.place(0, 0)] * frames)
+    frame, first = frame_of(views, subject), next(iter(views.values()))
+    return [frame.view(frame.place(0, 0), first.width, first.height)] * frames
 
 
-def _looking_from(views: Mapping[str, View], frame: Frame, places: Sequence[Array]) -> list[View]:
-    first = next(iter(views.values()))
+def _along(views: Mapping[str, View], subject: Array, along: Array, across: Array, down: Array) -> list[View]:
+    """Return views through cameras that stand around the subject, else at these places of the rig's frame.
+
+    `along` runs from 0 to 1 through the cameras, `across` and `down` from -1 to 1.
+    """
+    frame, first = frame_of(views, subject), next(iter(views.values()))
+    places = (
+        _through_cameras(views, along)
+        if _stand_around(views, subject)
+        else [frame.place(*place) for place in zip(across, down, strict=True)]
+    )
     return [frame.view(place, first.width, first.height) for place in places]
 
 

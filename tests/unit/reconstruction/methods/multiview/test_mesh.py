@@ -199,6 +199,7 @@ def test_files_of_a_mesh_are_cleaned_upright_and_in_metres(tmp_path: Path, scene
     assert left.points[:, 0].max() < 10
     assert (left.colours == (200, 100, 10)).all()
     assert b"property double nx" in (tmp_path / "cloud.ply").read_bytes()[:400]
+    assert b"property uchar red" in (tmp_path / "mesh.ply").read_bytes()[:400]
     document = json.JSONDecoder().raw_decode((tmp_path / "mesh.glb").read_bytes()[20:].decode("latin-1"))[0]
     metres = 1.0 if unit == "m" else 0.001
     assert document["accessors"][0]["max"][2] == pytest.approx(-points[:, 2].min() * metres, rel=1e-4)

@@ -401,6 +401,11 @@ def test_a_wall_is_chosen_where_two_sources_see_it() -> None:
     # A plane beyond the range of depths is none of the candidates.
     near = choose_planes(parts[0], others, level, [plane], (0.5, 0.6))
     assert len(near[0]) == 1
+    # Nor is the part of a plane that lies beyond it.
+    middle = float(np.median(level))
+    partly = choose_planes(parts[0], others, 1.3 * level, [plane], (0.5, 1 / middle))
+    assert len(partly[0]) == 2
+    assert not (partly[1][level < middle] == 1).any()
 
 
 def test_a_blank_part_keeps_its_shade_beside_texture() -> None:

@@ -71,11 +71,13 @@ def test_errors_of_focal_lengths_hold() -> None:
     assert np.max(np.abs(misses)) < 1.5
 
 
-def test_what_leaves_lenses_free_has_no_error() -> None:
+@pytest.mark.parametrize("points", [3, 6])
+def test_what_leaves_lenses_free_has_no_error(points: int) -> None:
+    """Three points fit any lens, and six fit these exactly, with nothing left to tell an error by."""
     pycolmap = pytest.importorskip("pycolmap", reason="pycolmap has no package for this machine")
-    model = found_model(pycolmap, 0)
+    model = found_model(pycolmap, 0, (-8, 0, 8))
     for number in list(model.point3D_ids()):
-        if number > 3:
+        if number > points:
             model.delete_point3D(number)
     assert focal_errors(pycolmap, model) == []
 

@@ -4,6 +4,7 @@ The cameras are turned, stand apart in all three directions, and have principal 
 focal lengths that differ in x and y: a wrong sign anywhere gives another number.
 """
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from types import ModuleType
 
@@ -33,13 +34,14 @@ from reconstruction.depth.view_choice import (
     find_overlaps,
     seen_points,
 )
-from reconstruction.methods.multiview import mesh
+from reconstruction.methods.multiview import blank_walls, mesh
 from reconstruction.methods.multiview.blank_walls import (
     AS_FOUND,
     BlankPart,
     ScenePlane,
     choose_planes,
     extract_blank_part,
+    fit_blank_walls,
     lay_planes,
     sample_surface,
 )
@@ -419,6 +421,23 @@ def test_a_blank_part_keeps_its_shade_beside_texture() -> None:
     assert np.abs(part.image.grey - 128)[part.there].max() < 2
     assert (part.image.grey[~part.there] == 128).all()
     assert part.image.noise == pytest.approx(9.0 / 16, rel=0.05)
+
+
+def test_no_planes_are_sought_where_hardly_anything_is_blank(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(blank_walls, "find_scene_planes", lambda *_: pytest.fail("there are no walls"))
+    rng = np.random.default_rng(4)
+    images = {
+        name: replace(image_of(view), grey=rng.normal(128, 60, (60, view.width)).astype(np.float32))
+        for name, view in (("a", REFERENCE), ("b", SOURCE))
+    }
+    surfaces = {
+        name: Surface(*np.ones((4, 60, image.view.width), np.float32)) for name, image in images.items()
+    }
+    ranges = dict.fromkeys(images, (0.5, 9.0))
+    with ThreadPoolExecutor(1) as pool:
+        laid, planes = fit_blank_walls(images, {"a": ("b",), "b": ("a",)}, ranges, surfaces, pool)
+    assert planes is None
+    assert all(laid[name] is surfaces[name] for name in images)
 
 
 def test_a_laid_wall_goes_on_behind_what_windows_made_too_wide() -> None:

@@ -3,6 +3,8 @@
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import cv2
 import msgspec
@@ -16,6 +18,7 @@ from capture_app.session.format.calibration import Calibration
 from capture_app.session.reading.reader import Session
 from capture_app.session.writing.session_writer import SessionWriter
 from reconstruction.common.geometry import Array, View
+from reconstruction.scene import calibration_run
 from reconstruction.scene.calibration.board_calibration import detect_board
 from reconstruction.scene.calibration.soundness import calibrated_views
 from reconstruction.scene.calibration.world import in_world, world_of_board, world_of_marks
@@ -212,6 +215,21 @@ def test_what_is_said_of_marks_and_grounds(tmp_path: Path, reconstruct: Reconstr
     assert "--vertical needs --mark" in reconstruct(*arguments, "--vertical").complaint
     both = reconstruct(*arguments, *mark, "--vertical", "--ground", session.folder).complaint
     assert "--ground does not work with --vertical: both define the ground" in both
+
+
+@pytest.mark.parametrize("shape", [(9, 7), (10, 7)])
+def test_that_a_board_looks_the_same_upside_down_is_said(
+    shape: tuple[int, int], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    by_board = Calibration(cameras={}, unit="m", source="a board")
+    monkeypatch.setattr(calibration_run, "detect_board", lambda *_: {("a", 0): {}})
+    monkeypatch.setattr(calibration_run, "calibrate_from_board", lambda *_: (by_board, {}))
+    for name in ("shared_corners", "count_coverage"):
+        monkeypatch.setattr(calibration_run, name, lambda *_: None)
+    options = calibration_run.CalibrateOptions(board=Checkerboard(*shape, 0.06))
+    dataset: Any = SimpleNamespace(cameras=())
+    calibration_run._from_board(dataset, options)
+    assert ("a checkerboard of 9x7 squares looks the same" in capsys.readouterr().err) == (shape == (9, 7))
 
 
 def test_a_board_of_another_size_is_named(tmp_path: Path, reconstruct: Reconstruct) -> None:

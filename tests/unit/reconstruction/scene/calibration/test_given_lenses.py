@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from capture_app.board.boards import DEFAULT_BOARD
-from capture_app.session.format.calibration import LensKnowledge
+from capture_app.session.format.calibration import Calibration, LensKnowledge
 from capture_app.session.format.manifest import MANIFEST
 from capture_app.session.reading.reader import Session
 from reconstruction.common.geometry import View
@@ -203,3 +203,10 @@ def test_confirmed_lenses_of_an_import_are_believed(bare: Session, tmp_path: Pat
 def test_unconfirmed_lenses_of_a_file_are_known_roughly(tmp_path: Path, origin: str, level: str) -> None:
     blank = write_session(tmp_path, Rendered([]), RIG, instants=1, calibrated=False, truth=False)
     assert opened(blank, tmp_path, RIG, origin).lenses.level == level
+
+
+def test_nothing_is_said_of_lenses_of_other_cameras(bare: Session) -> None:  # noqa: F811
+    others = Calibration(cameras={"other": RIG["a"].to_calibration()}, unit="m", source="elsewhere")
+    scene = Scene(Dataset(bare), others)
+    assert "the calibration is of other cameras" in scene.problem
+    assert scene.lenses == LensKnowledge()

@@ -217,6 +217,8 @@ def test_a_sequence_has_each_instants_files_and_is_resumed(
     result = options.make([trio.folder], out)
     assert [moment.instant for moment in result.instants] == [1, 2]
     assert (result.clouds, result.kept, result.masks, result.unit) == (2, 0, True, "m")
+    assert result.seconds > 0
+    assert "numpy" in result.versions
     moving = [moment.mover_within_2pct or 0.0 for moment in result.instants]
     assert (result.within_2pct, result.mover_within_2pct) == (0.5, pytest.approx(np.median(moving), abs=1e-4))
     assert result.mover_f_score_1cm is None

@@ -35,6 +35,8 @@ depth above which that surface is noise. A smooth one that matches as well is an
 AS_FOUND = 0
 EVIDENT_COST = 0.45
 """Matching cost that counts as evidence with the windows of the full-size image."""
+RIM_PX = 4
+"""Distance by which windows of the full-size image extend an object's depth beyond its edge."""
 MIN_BLANK_FRACTION = 0.02
 """Minimum blank fraction of the images."""
 EVIDENT, EVIDENT_WIDE = 0.5, 0.8
@@ -306,15 +308,15 @@ def _continue_to_edges(planes: tuple[Array, Array, Array], image: CalibratedImag
     shows where the rod really ends.
     """
     weight = mask.astype(np.float32)
-    # Windows of the full-size image extend an object's depth by 4 px beyond its edge.
-    blank_fraction, shade = (cv2.blur(part, (9, 9)) for part in (weight, weight * image.grey))
-    shade = shade / np.maximum(blank_fraction, 1e-6)
+    window = 2 * RIM_PX + 1, 2 * RIM_PX + 1
+    blank_fraction = cv2.blur(weight, window)
+    shade = cv2.blur(weight * image.grey, window) / np.maximum(blank_fraction, 1e-6)
     # At most two standard deviations of the noise off the shade of the blank region beside it.
     same_shade = np.abs(image.grey - shade) < 2.0 * float(np.sqrt(image.noise)) / 3
     distance, nearest = cv2.distanceTransformWithLabels(
         (~mask).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
     )
-    rows, columns = np.nonzero(~mask & same_shade & (distance <= 4) & (blank_fraction > 0))
+    rows, columns = np.nonzero(~mask & same_shade & (distance <= RIM_PX) & (blank_fraction > 0))
     places = np.zeros((int(nearest.max()) + 1, 2), int)
     places[nearest[mask]] = np.column_stack(np.nonzero(mask))
     from_row, from_column = places[nearest[rows, columns]].T

@@ -19,6 +19,8 @@ from reconstruction.scene.moving_pixels import dilate
 
 TOLERANCE_M = 0.01
 """Distance within which a point is right, and a true surface is found."""
+MAX_SAMPLED = 20_000
+"""Size of the random sample of larger point sets."""
 VISIBLE_FRACTION = 0.01
 """Relative depth error below which a view sees a point, i.e. it is not occluded."""
 
@@ -26,7 +28,7 @@ VISIBLE_FRACTION = 0.01
 def count_near(points: Array, asked: Array) -> tuple[int, int]:
     """Return how many of the `asked` points have one of the points (n, 3; m) within the tolerance.
 
-    The second number is that of the points asked, of a sample if there are many.
+    The second number is that of the points asked, a sample of `MAX_SAMPLED` if there are more.
     """
     asked = floats(_sample(asked))
     near = np.empty(len(asked), bool)
@@ -118,10 +120,10 @@ def _on_mask(view: View, mask: Array, points: Array) -> Array:
 
 
 def _sample(points: Array) -> Array:
-    """Return at most 20,000 of the points, always the same ones."""
-    if len(points) <= 20_000:
+    """Return at most `MAX_SAMPLED` of the points, always the same ones."""
+    if len(points) <= MAX_SAMPLED:
         return points
-    return np.asarray(points[np.random.default_rng(0).choice(len(points), 20_000, replace=False)])
+    return np.asarray(points[np.random.default_rng(0).choice(len(points), MAX_SAMPLED, replace=False)])
 
 
 def _thin_out(points: Array) -> Array:

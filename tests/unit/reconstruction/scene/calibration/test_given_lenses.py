@@ -159,6 +159,15 @@ def test_a_kept_calibration_with_wrong_lenses_is_not_used(
     check_figures(capsys.readouterr().err, "a", 1.2)
 
 
+def test_an_import_takes_no_kept_calibration(bare: Session, tmp_path: Path) -> None:  # noqa: F811
+    keep_calibration(Dataset(bare), calibration(RIG))
+    imported = msgspec.structs.replace(bare.manifest, origin="imported")
+    folder = shutil.copytree(bare.folder, tmp_path / "imported")
+    for manifest, takes in ((bare.manifest, True), (imported, False)):
+        (folder / MANIFEST).write_bytes(msgspec.json.encode(manifest))
+        assert (Scene.open(folder).given is not None) == takes
+
+
 @pytest.mark.parametrize(("views", "is_refused"), [(zoomed(1.2, *RIG), True), (RIG, False)])
 def test_a_board_is_no_better_witness(
     bare: Session,  # noqa: F811

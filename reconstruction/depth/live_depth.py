@@ -14,7 +14,7 @@ from reconstruction.common.geometry import Array, View, resize_view
 from reconstruction.depth.calibrated_image import CalibratedImage, SourceView, matching_noise
 from reconstruction.depth.geometric_consistency import MAX_COST, MIN_ISLAND_PX, remove_speckles
 from reconstruction.depth.plane_sweep import PlaneSweep, Refinement, smoothed_costs_along
-from reconstruction.depth.rough_scene import RoughScene, find_rough_scene
+from reconstruction.depth.rough_scene import RoughScene, find_rough_scene, point_range
 from reconstruction.depth.sweep_kernels import WORST_COST, warp
 from reconstruction.depth.view_choice import choose_source_views
 
@@ -34,7 +34,7 @@ class LiveMap:
     depth: Array
     """Along the axis, float32, in the calibration's unit; 0 where the other cameras do not confirm it."""
     depth_range: tuple[float, float]
-    """Nearest and farthest depth that was searched."""
+    """Nearest and farthest depth of points that cameras confirm."""
     moving: Array
     """Pixels (bool) that differ from the two images before."""
     moving_confirmed: float | None
@@ -94,7 +94,7 @@ class LiveDepth:
         judged = moving & seen & ~reference.flat
         return LiveMap(
             surface.depth_where(confirmed),
-            scene.depth_ranges[camera],
+            point_range(reference.view, scene.points[camera]),
             moving,
             float(confirmed[judged].mean()) if judged.sum() >= MIN_MOVING_PX else None,
         )

@@ -128,13 +128,16 @@ def _shared_points(
     return np.concatenate([points[name], *(p[seen_points(views[name], views[name], p)[0]] for p in others)])
 
 
-def _depth_range(view: View, points: Array) -> tuple[float, float]:
-    """Return the nearest and farthest depth of points (n, 3) in a view, with a margin.
-
-    Faint walls and floors have no points, so the margin is wide.
-    """
+def point_range(view: View, points: Array) -> tuple[float, float]:
+    """Return the nearest and farthest depth of points (n, 3) in a view, without outliers."""
     low, high = np.percentile(1 / (points @ view.rotation.T + view.translation)[:, 2], [0.5, 99.5])
-    return float(1 / (NEAR_MARGIN * high)), float(FAR_MARGIN / low)
+    return float(1 / high), float(1 / low)
+
+
+def _depth_range(view: View, points: Array) -> tuple[float, float]:
+    """Return a range of depth with a wide margin around points: faint walls and floors have none."""
+    nearest, farthest = point_range(view, points)
+    return nearest / NEAR_MARGIN, FAR_MARGIN * farthest
 
 
 def _thin_points(

@@ -51,7 +51,7 @@ def test_what_moves_has_depth_where_all_pictures_are_of_one_instant(scene: Scene
     right, moves = np.abs(found.depth - small[0]) < 0.05 * small[0], small[1] > 0.5
     assert right[known].mean() > 0.88
     assert known.mean() > 0.7
-    assert right[moves].mean() > 0.8
+    assert right[moves].mean() > 0.78
     assert found.moving[moves].mean() > 0.3
     assert found.moving[~moves].mean() < 0.05
     assert found.moving_confirmed > 0.85

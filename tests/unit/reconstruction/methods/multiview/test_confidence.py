@@ -13,8 +13,8 @@ from reconstruction.methods.multiview.confidence import (
     ASKEW,
     ASSUMED_RESIDUAL_PX,
     FREEDOM,
-    MATCHING_PX,
     PAIR_POSE_FACTOR,
+    POINTS_PX,
     POSE_FACTOR,
     UNSEEN_PX,
     WEIGHTS,
@@ -171,12 +171,11 @@ def test_confidence_falls_with_the_misfit_and_rises_with_the_baseline() -> None:
         return float(support.confidence(misfit_px))
 
     assert sure(4.0, 0.1) == pytest.approx(0.99, abs=0.001)
-    # One standard deviation. A perfect calibration has a misfit of 0.08 px.
-    exact_px = np.hypot(MATCHING_PX, UNSEEN_PX)
-    assert sure(exact_px, 0.0) == pytest.approx(0.683, abs=0.001)
-    assert sure(exact_px, 0.08) == pytest.approx(0.683, abs=0.001)
-    pose_px = POSE_FACTOR * np.sqrt(2 * (0.5**2 - 0.08**2))
-    off_px = float(np.linalg.norm([exact_px, pose_px, ASKEW * (0.5**2 - 0.08**2)]))
+    # One standard deviation.
+    assert sure(UNSEEN_PX, 0.0) == pytest.approx(0.683, abs=0.001)
+    assert sure(UNSEEN_PX, POINTS_PX) == pytest.approx(0.683, abs=0.001)
+    excess = 0.5**2 - POINTS_PX**2
+    off_px = float(np.linalg.norm([UNSEEN_PX, POSE_FACTOR * np.sqrt(2 * excess), ASKEW * excess]))
     assert sure(off_px, 0.5) == pytest.approx(0.683, abs=0.001)
     assert sure(0.5, None) == sure(0.5, ASSUMED_RESIDUAL_PX)
     assert sure(1.0, 2.0) < sure(1.0, 0.5) < sure(1.0, 0.15)

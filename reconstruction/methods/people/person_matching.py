@@ -40,21 +40,25 @@ one camera does not. Those of people half behind others, or one and a poster, ag
 SHADE, MUCH_NEARER = 0.07, 3
 """A detection at most so far from an older individual is not a younger one's own, unless that one is so many
 times nearer."""
+MIN_NEAR = 0.5
+"""Least fraction of an individual's known joints that cameras locate where it should be. Where fewer are,
+detections of somebody else are taken for it."""
 MIN_SHARED = 4
 """Fewest joints by which an individual and a detection are compared."""
 MIRRORED = 0.03
 """Distance by which left and right must fit better if they are exchanged."""
-MIN_STEPS, MIN_DENSITY = 6, 0.5
+MIN_STEPS, MIN_DENSITY = 6, 0.25
 """Fewest steps at which two cameras show an individual, or half of all, and their least fraction from its
 first to its last: what flickers is nobody."""
-MIN_KNOWN = 0.25
+MIN_KNOWN = 0.1
 """Least fraction of an individual's joints that are located from its first step to its last."""
 MAX_LOST_S = 1.0
 """Time after which an individual that nothing was seen of ends."""
 MAX_BLIND_S = 0.25
 """Time after which one camera alone finds nobody again: it may see a mistake, or somebody else."""
-DRIFT, STRIDE = 0.3, 0.6
-"""Largest distance at which an individual is seen again, relative to its size, and its growth a second."""
+JUMP, DRIFT, STRIDE = 0.06, 0.3, 0.6
+"""Largest distance from where an individual should be at which its own detections, or new ones, locate it,
+relative to its size, and its growth a second. Cameras that face each other see no distance between them."""
 MAX_BOTH = 0.5
 """Largest part of a path's times at which another one of the same individual is seen."""
 NOISE = 0.012
@@ -166,14 +170,10 @@ class PersonMatcher:
         seen = {camera: one for camera, one in here.items() if one is not None and len(one.pixels)}
         taken = {camera: self._predicted(camera, one, times[camera]) for camera, one in seen.items()}
         free = {camera: {*range(len(one.pixels))} for camera, one in seen.items()}
-        sure = set[int]()
-        points = self._located(seen, taken, times, now_s)
-        for number, individual in enumerate(self.active):
-            places = {camera: owned[number] for camera, owned in taken.items() if number in owned}
-            if len(places) > 1 and self._accept(individual, points[number], places, frames, seen, now_s):
-                sure.add(number)
-                for camera, owned in places.items():
-                    free[camera] -= {*owned}
+        sure = self._go_on(seen, taken, frames, times, now_s)
+        for individual in (self.active[n] for n in sure):
+            for camera, left in free.items():
+                left -= {*individual.places.get((camera, frames[camera]), [])}
         apart = {
             camera: {n: self._nearest(camera, self.active[n], one, times[camera]) for n in sure}
             for camera, one in seen.items()
@@ -184,17 +184,38 @@ class PersonMatcher:
             taken_here = {place for owned in taken[camera].values() for place in owned}
             for number in sure:
                 left -= {*np.flatnonzero(apart[camera][number] < GATE).tolist()} - taken_here
-        weak = [one for number, one in enumerate(self.active) if number not in sure]
-        self._begin(seen, free, frames, weak, [self.active[n] for n in sure], now_s)
-        for number, individual in enumerate(self.active[: len(points)]):
+        weak = {number: one for number, one in enumerate(self.active) if number not in sure}
+        self._begin(seen, free, frames, [*weak.values()], [self.active[n] for n in sure], now_s)
+        for number, individual in weak.items():
             for camera, owners in taken.items():
-                if (
-                    individual in weak
-                    and now_s - MAX_BLIND_S <= individual.seen_s < now_s
-                    and free[camera].issuperset(owners.get(number, [-1]))
+                if now_s - MAX_BLIND_S <= individual.seen_s < now_s and free[camera].issuperset(
+                    owners.get(number, [-1])
                 ):
                     self._follow(individual, camera, seen[camera], owners[number][0], now_s)
                     individual.places[camera, frames[camera]] = owners[number]
+
+    def _go_on(
+        self,
+        seen: Mapping[int, Detections],
+        taken: Mapping[int, Mapping[int, list[int]]],
+        frames: Mapping[int, int],
+        times: Mapping[int, float],
+        now_s: float,
+    ) -> list[int]:
+        """Move individuals to the detections that each has; return the numbers of these, the oldest first."""
+        sure, bodies = list[int](), list[tuple[Array, float]]()
+        points = self._located(seen, taken, times, now_s)
+        for number in sorted(range(len(points)), key=lambda n: -len(self.active[n].confirmed)):
+            individual = self.active[number]
+            places = {camera: owned[number] for camera, owned in taken.items() if number in owned}
+            if self._on_a_body(points[number], individual.size, bodies):
+                # Others are hidden there, and go on later.
+                if len(individual.confirmed) < MIN_STEPS:
+                    individual.seen_s = -np.inf
+            elif len(places) > 1 and self._accept(individual, points[number], places, frames, seen, now_s):
+                sure.append(number)
+                bodies.append((individual.joints, individual.size))
+        return sure
 
     def _predicted(self, camera: int, seen: Detections, time_s: float) -> dict[int, list[int]]:
         """Return the detections of each active individual in a camera's frame, by number."""
@@ -257,23 +278,29 @@ class PersonMatcher:
                     to_pixels(self.projections[camera], one.at(at_s))[0] for at_s in (now_s, times[camera])
                 )
                 pixels[camera, row] += np.nan_to_num(there - then)
-        return [
-            *self._points(
-                pixels,
-                np.array([one.size for one in self.active]),
-                np.array([one.at(now_s) for one in self.active]),
-            )
-        ]
+        sizes = np.array([one.size for one in self.active])
+        expected = np.array([one.at(now_s) for one in self.active])
+        # Where cameras disagree, those are believed that show an individual where it should be.
+        near = self._points(pixels, sizes, expected, expected)
+        points = np.where(np.isfinite(near), near, self._points(pixels, sizes, expected))
+        number_near, number_known = (np.isfinite(part[..., 0]).sum(axis=1) for part in (near, points))
+        limits = [(JUMP + STRIDE * (now_s - one.seen_s)) * one.size for one in self.active]
+        jumps = np.array([*map(_apart, points, expected)])
+        points[(number_near < MIN_NEAR * number_known) | (jumps > limits)] = np.nan
+        return [*points]
 
-    def _points(self, pixels: Array, sizes: Array, near: Array) -> Array:
-        """Locate the joints (n, joints, 3) of individuals by pixels (cameras, n, joints, 2)."""
+    def _points(self, pixels: Array, sizes: Array, near: Array, start: Array | None = None) -> Array:
+        """Locate the joints (n, joints, 3) of individuals by pixels (cameras, n, joints, 2).
+
+        `near` are joints in about the right depth, `start` those to start from.
+        """
         cameras, number, joints = pixels.shape[:3]
         depths = np.stack([np.nanmean(to_pixels(one, near)[1], axis=1) for one in self.projections])
         noise = NOISE * sizes * self.sizes[:, None] / np.maximum(depths, 1e-9)
         variances = np.repeat(noise**2, joints, axis=1)
-        return locate(self.projections, pixels.reshape(cameras, -1, 2), variances).points.reshape(
-            number, joints, 3
-        )
+        start = start if start is None else start.reshape(-1, 3)
+        located = locate(self.projections, pixels.reshape(cameras, -1, 2), variances, start)
+        return located.points.reshape(number, joints, 3)
 
     def _accept(
         self,
@@ -346,14 +373,15 @@ class PersonMatcher:
         return np.minimum(as_it_is, exchanged)
 
     def _end_ghosts(
-        self, sure: set[int], apart: Mapping[int, Mapping[int, Array]], frames: Mapping[int, int]
+        self, sure: list[int], apart: Mapping[int, Mapping[int, Array]], frames: Mapping[int, int]
     ) -> None:
-        """End individuals on the body of an older one, or of detections that are those of older ones.
+        """End individuals whose detections are those of older ones.
 
-        `apart` has the distances of individuals from each camera's detections, by their number.
+        `sure` are the numbers of individuals, the oldest first; `apart` has their distances from each
+        camera's detections.
         """
         older = list[int]()
-        for number in sorted(sure, key=lambda n: -len(self.active[n].confirmed)):
+        for number in sure[:]:
             individual = self.active[number]
             shown = {
                 camera: places[0]
@@ -365,10 +393,7 @@ class PersonMatcher:
                 limit = min(SHADE, MUCH_NEARER * max(NOISE, apart[camera][number][place]))
                 own += all(apart[camera][other][place] > limit for other in older)
             individual.own += own > 1 or (own > 0 and len(shown) + 1 >= len(frames))
-            if individual.own < MIN_OWN * len(individual.confirmed) or any(
-                self._on_one_body(individual.joints, other.joints, max(individual.size, other.size))
-                for other in (self.active[n] for n in older)
-            ):
+            if individual.own < MIN_OWN * len(individual.confirmed):
                 sure.remove(number)
                 individual.confirmed.pop()
                 individual.seen_s = -np.inf
@@ -377,8 +402,12 @@ class PersonMatcher:
             else:
                 older.append(number)
 
-    def _on_one_body(self, joints: Array, others: Array, size: float) -> bool:
-        return min(_apart(joints, others), _apart(joints, others[self.mirror])) < ONE_BODY * size
+    def _on_a_body(self, joints: Array, size: float, bodies: Sequence[tuple[Array, float]]) -> bool:
+        """Whether joints (joints, 3) are on one of bodies (joints and size), its sides exchanged or not."""
+        return any(
+            min(_apart(joints, body), _apart(joints, body[self.mirror])) < ONE_BODY * max(size, big)
+            for body, big in bodies
+        )
 
     def _begin(
         self,
@@ -393,7 +422,7 @@ class PersonMatcher:
         found = list[tuple[Array, float, dict[int, list[int]]]]()
         for points, size, places in self._hypotheses(seen, free):
             others = [(one.joints, one.size) for one in sure] + [(joints, big) for joints, big, _ in found]
-            if not any(self._on_one_body(points, joints, max(size, big)) for joints, big in others):
+            if not self._on_a_body(points, size, others):
                 found.append((points, size, places))
             for camera, owned in places.items():
                 free[camera].difference_update(owned)

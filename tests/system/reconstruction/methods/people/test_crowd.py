@@ -1,8 +1,11 @@
-"""Many people in one picture."""
+"""Many people in one picture, and people who hide each other."""
 
 import numpy as np
+import pytest
 
 from benchmarks.people.figure import moving
+from benchmarks.people.scenes import draw_take, locate_people
+from benchmarks.people.scores import score
 from tests.unit.reconstruction.methods.people.takes import TIMES_S, errors_mm, finder, take
 
 
@@ -15,3 +18,10 @@ def test_twenty_people_are_twenty() -> None:
         for one in found.people
     ]
     assert sorted(nearest) == list(range(20))
+
+
+@pytest.mark.parametrize(("kind", "seed"), [("crossing", 23), ("embrace", 20)])
+def test_who_was_hidden_is_the_same_as_before(kind: str, seed: int) -> None:
+    scene = draw_take(kind, 3, seed)
+    scores = score(scene.truth, scene.visible, locate_people(scene))
+    assert (scores.takes_right, scores.changes) == (1, 0)

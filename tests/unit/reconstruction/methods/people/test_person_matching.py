@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from benchmarks.people.figure import Floats, moving, pixels_of, ring, seen_by
-from benchmarks.people.scenes import draw
+from benchmarks.people.scenes import draw, draw_take
 from reconstruction.methods.people.keypoints import FrameJoints
 from reconstruction.methods.people.people_run import CameraFrames, PeopleFinder
 from reconstruction.methods.people.person_matching import Individual, Path, _joined, mirrored
@@ -170,6 +170,13 @@ def test_individuals_that_take_turns_in_one_place_are_one() -> None:
     elsewhere = path(*[(k / 10, 3.0) for k in (4, 5, 6)])
     later = path((4.0, 0.9))
     assert len(_joined(dict([first, beside, elsewhere, later]))) == 4
+
+
+@pytest.mark.parametrize("kind", ["apart", "mirror"])
+def test_cameras_that_face_each_other_do_not_carry_somebody_away(kind: str) -> None:
+    # Detections of two people in such cameras agree on somebody between them.
+    scene = draw_take(kind, 3, 45)
+    assert len(PeopleFinder(scene.frames, SKELETON, 1 / 30).people) == len(scene.truth) == 2
 
 
 def test_sides_are_told_by_names() -> None:

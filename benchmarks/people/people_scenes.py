@@ -7,7 +7,7 @@ a time, missing joints, and how many known ones are within the stated error, whi
 
 from collections.abc import Sequence
 
-from benchmarks.people.scenes import KINDS, draw_take, locate_people
+from benchmarks.people.scenes import KINDS, MIRROR_FOR_ALL, draw_take, locate_people
 from benchmarks.people.scores import Scores, score
 from benchmarks.report import Columns, Report, new_parser, print_report, print_rows
 
@@ -38,7 +38,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = new_parser(__doc__)
     parser.add_argument("--seeds", type=int, default=2, help="takes of each kind and rig (2)")
     parser.add_argument("--first", type=int, default=0, help="number of the first take (0)")
-    parser.add_argument("--kinds", nargs="*", default=KINDS, help=", ".join(KINDS))
+    parser.add_argument("--kinds", nargs="*", default=KINDS, help=", ".join((*KINDS, MIRROR_FOR_ALL)))
     parser.add_argument("--cameras", type=int, nargs="*", default=RIGS, help="numbers of cameras (3 4 5 8)")
     parser.add_argument("--late", type=float, default=0.0, help="delay of every second camera, frames (0)")
     options = parser.parse_args(arguments)

@@ -22,6 +22,8 @@ from reconstruction.methods.people.skeletons import SKELETONS
 
 SECONDS, FRAMES_PER_S = 4.0, 30
 KINDS = ("apart", "crossing", "embrace", "leaving", "mirror", "poster", "two cameras", "two scales")
+MIRROR_FOR_ALL = "mirror for all"
+"""A kind beside the others: all cameras see one person's reflection, who cannot be told from a person."""
 NOISE, BIAS = 0.008, 0.008
 """Standard deviations of a joint's pixel relative to the person's size: of each frame, and constant."""
 BODY_M = 0.09
@@ -114,7 +116,7 @@ def draw(
     kind: str, cameras: int, number: int, seed: int, *, late: float = 0.0, seconds: float = SECONDS
 ) -> SceneOfPeople:
     """Draw the beginning of a scene; every second camera's frames are `late` (frames) after the others'."""
-    rng = np.random.default_rng([KINDS.index(kind), cameras, number, seed])
+    rng = np.random.default_rng([(*KINDS, MIRROR_FOR_ALL).index(kind), cameras, number, seed])
     motions = people_of(kind, number, rng)
     views = ring(cameras, 180 if cameras < 5 else 300)
     times = np.arange(0, seconds, 1 / FRAMES_PER_S)
@@ -197,7 +199,7 @@ def _who_is_not_there(
         somebody = [one + noise for one in mistake.values()]
         if kind == "poster" and camera == 0:
             somebody.append(poster + noise)
-        if kind == "mirror" and camera == 1:
+        if kind == MIRROR_FOR_ALL or (kind == "mirror" and camera == 1):
             somebody.append(mirror[frame] + noise)
         return [(pixels, sure) for pixels in somebody]
 

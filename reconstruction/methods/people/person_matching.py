@@ -42,7 +42,8 @@ SHADE, MUCH_NEARER = 0.07, 3
 times nearer."""
 MIN_NEAR = 0.5
 """Least fraction of an individual's known joints that cameras locate where it should be. Where fewer are,
-detections of somebody else are taken for it."""
+detections of somebody else are taken for it: by three cameras 38 of 40 drawn takes are right with it, 36 with
+0.3 (simulated, 2026-11)."""
 MIN_SHARED = 4
 """Fewest joints by which an individual and a detection are compared."""
 MIRRORED = 0.03
@@ -51,14 +52,18 @@ MIN_STEPS, MIN_DENSITY = 6, 0.25
 """Fewest steps at which two cameras show an individual, or half of all, and their least fraction from its
 first to its last: what flickers is nobody."""
 MIN_KNOWN = 0.1
-"""Least fraction of an individual's joints that are located from its first step to its last."""
+"""Least fraction of an individual's joints that are located from its first step to its last. With 0.25, and
+with twice the density, three of 56 drawn takes by three cameras lack somebody who is half hidden (simulated,
+2026-11)."""
 MAX_LOST_S = 1.0
 """Time after which an individual that nothing was seen of ends."""
 MAX_BLIND_S = 0.25
 """Time after which one camera alone finds nobody again: it may see a mistake, or somebody else."""
 JUMP, DRIFT, STRIDE = 0.06, 0.3, 0.6
 """Largest distance from where an individual should be at which its own detections, or new ones, locate it,
-relative to its size, and its growth a second. Cameras that face each other see no distance between them."""
+relative to its size, and its growth a second. Cameras that face each other do not see how far away somebody
+between them is: by three cameras in a half circle 44 of 48 drawn takes are right with a jump of 0.06 at most,
+40 without a limit, and 1.4 instead of 8.4 in 1,000 persons are too many (simulated, 2026-11)."""
 MAX_BOTH = 0.5
 """Largest part of a path's times at which another one of the same individual is seen."""
 NOISE = 0.012

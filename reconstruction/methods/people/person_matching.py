@@ -113,9 +113,9 @@ class Individual:
         """
         number = len(self.confirmed)
         span = self.confirmed[-1] - self.confirmed[0] + 1 if number else 0
-        return number >= max(1, min(MIN_STEPS, steps / 2), MIN_DENSITY * span) and known >= max(
-            min(MIN_STEPS, steps / 4), MIN_KNOWN * span
-        )
+        return self.own >= MIN_OWN * number >= MIN_OWN * max(
+            1, min(MIN_STEPS, steps / 2), MIN_DENSITY * span
+        ) and known >= max(min(MIN_STEPS, steps / 4), MIN_KNOWN * span)
 
     def at(self, time_s: float) -> Array:
         """Return where its joints should be at a time, (joints, 3)."""
@@ -537,6 +537,7 @@ def _joined(paths: Mapping[Individual, Path]) -> dict[Individual, Path]:
             if _take_turns(path, longer, max(one.size, other.size)):
                 other.places = one.places | other.places
                 other.confirmed = sorted({*other.confirmed, *one.confirmed})
+                other.own += one.own - 1
                 whole[other] = sorted([*path, *longer], key=lambda item: item[0])
                 break
         else:

@@ -5,7 +5,7 @@
     python -m benchmarks.reconstruction.depth_confidence --pose-error 0.5 --draws 8  cameras turned, px
     python -m benchmarks.reconstruction.depth_confidence --row FOLDER       real images: see `camera_rows`
     python -m benchmarks.reconstruction.depth_confidence --rooms 72         rooms of `confidence_scenes`
-    python -m benchmarks.reconstruction.depth_confidence --fit              `WEIGHTS`, by 84 other rooms
+    python -m benchmarks.reconstruction.depth_confidence --fit              `WEIGHTS`, by 42 other rooms
 
 Right is within 2 % of the true depth. Each row counts the depths of all cameras with a truth; ranges with
 under 1 % of a row's pixels are left out. Rooms are counted apart by whether their calibration could be
@@ -289,10 +289,10 @@ def main() -> None:
     parser.add_argument("--pose-error", type=float, default=0.0, metavar="PX", help="of the scenes' cameras")
     parser.add_argument("--draws", type=int, default=1, help="of the pose error, counted as one case")
     parser.add_argument("--rooms", type=int, metavar="N", help="drawn rooms instead of all else")
-    parser.add_argument("--fit", action="store_true", help="to --rooms of other seeds [default: 84]")
+    parser.add_argument("--fit", action="store_true", help="to --rooms of other seeds [default: 42]")
     asked = parser.parse_args()
     if asked.fit:
-        rooms = list(judge_rooms([*FITTED], FIRST_FITTED, asked.rooms or 84))
+        rooms = list(judge_rooms([*FITTED], FIRST_FITTED, asked.rooms or 42))
         print(fit_weights([room for room in rooms if room.cameras > 2]))
         return
     if asked.rooms:

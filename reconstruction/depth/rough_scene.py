@@ -32,13 +32,13 @@ POINTS_PER_VIEW = 400
 RELATIVE_DEPTH = 0.06
 """Maximum relative depth difference between small images that agree."""
 NEAR_MARGIN, FAR_MARGIN = 1.2, 2.0
-"""How much nearer and farther than the points depth is looked for.
+"""How much nearer and farther than the points depth is looked for: faint walls and floors have none.
 
 `make bench NAME=confidence BENCH="--rooms 36"` on 2026-11-30."""
 THIN_WIDTH_PX, THIN_WINDOW = 320, 3
 """Width of the image that shows things too thin for smaller ones, and the side of its windows, px."""
-NEARER = 1.6
-"""How much nearer such things are looked for, relative to the nearest depth found before."""
+THIN_MARGIN, NEARER = 1.1, 1.6
+"""How much nearer than the points, at least and at most, such things are looked for."""
 MAX_THIN_COST, MIN_THIN_ISLAND_PX, MIN_THIN_PX = 0.2, 20, 40
 """Maximum cost of their pixels, minimum size of their islands, and minimum number of all their pixels."""
 
@@ -83,10 +83,10 @@ def find_rough_scene(images: Mapping[str, CalibratedImage]) -> RoughScene:
     points = {name: own_points for name, own_points in points.items() if len(own_points) >= MIN_PIXELS}
     if not points:
         raise _nothing_in_common(views, neighbours)
-    depth_ranges = {name: _depth_range(views[name], own_points) for name, own_points in points.items()}
+    spans = {name: point_range(views[name], own_points) for name, own_points in points.items()}
     middle = choose_reference_view({name: views[name] for name in points}, points)
-    thin = _thin_points(images[middle], [images[other] for other in neighbours[middle]], depth_ranges[middle])
-    depth_ranges = {name: _extended(span, views[name], thin) for name, span in depth_ranges.items()}
+    thin = _thin_points(images[middle], [images[other] for other in neighbours[middle]], spans[middle])
+    depth_ranges = {name: _extended(span, views[name], thin) for name, span in spans.items()}
     return RoughScene(points, depth_ranges, has_thin=len(thin) > 0)
 
 
@@ -134,23 +134,18 @@ def point_range(view: View, points: Array) -> tuple[float, float]:
     return float(1 / high), float(1 / low)
 
 
-def _depth_range(view: View, points: Array) -> tuple[float, float]:
-    """Return a range of depth with a wide margin around points: faint walls and floors have none."""
-    nearest, farthest = point_range(view, points)
-    return nearest / NEAR_MARGIN, FAR_MARGIN * farthest
-
-
 def _thin_points(
-    image: CalibratedImage, others: Sequence[CalibratedImage], depth_range: tuple[float, float]
+    image: CalibratedImage, others: Sequence[CalibratedImage], span: tuple[float, float]
 ) -> Array:
-    """Return points (n, 3) of things nearer than a view's range that are too thin for the small images."""
+    """Return points (n, 3) of things nearer than a view's others that are too thin for the small images."""
+    nearest, farthest = span[0] / THIN_MARGIN, THIN_MARGIN * span[1]
     reference, *sources = (
         picture.scaled(min(1.0, THIN_WIDTH_PX / picture.view.width)) for picture in (image, *others)
     )
     source_views = [SourceView(reference, source) for source in sources]
-    levels = _levels(source_views, [(1 / depth_range[1], NEARER / depth_range[0])])
+    levels = _levels(source_views, [(1 / farthest, NEARER / nearest)])
     level, _, _, cost = PlaneSweep(window=THIN_WINDOW).sweep_once(reference, source_views, levels)
-    thin = remove_speckles((level * depth_range[0] > 1) & (cost < MAX_THIN_COST), level, MIN_THIN_ISLAND_PX)
+    thin = remove_speckles((level * nearest > 1) & (cost < MAX_THIN_COST), level, MIN_THIN_ISLAND_PX)
     if thin.sum() < MIN_THIN_PX:
         return np.empty((0, 3))
     # Nearer ones may be chance.
@@ -158,11 +153,11 @@ def _thin_points(
     return reference.view.unproject(np.column_stack([columns, rows]).astype(float), 1 / level[rows, columns])
 
 
-def _extended(depth_range: tuple[float, float], view: View, thin: Array) -> tuple[float, float]:
-    """Return a view's range of depth that also contains thin things (n, 3) in its image, with a margin."""
+def _extended(span: tuple[float, float], view: View, thin: Array) -> tuple[float, float]:
+    """Return the range of depth that is searched: wider than the points' span, with thin things (n, 3)."""
     seen = thin[seen_points(view, view, thin)[0]] @ view.rotation.T + view.translation
-    nearest = min(depth_range[0], float(seen[:, 2].min(initial=np.inf)) / 1.05)
-    return max(nearest, depth_range[0] / NEARER), depth_range[1]
+    nearest = min(span[0] / NEAR_MARGIN, float(seen[:, 2].min(initial=np.inf)) / 1.05)
+    return max(nearest, span[0] / THIN_MARGIN / NEARER), FAR_MARGIN * span[1]
 
 
 def _nothing_in_common(

@@ -73,7 +73,8 @@ def disk_error(error: OSError, folder: Path) -> DiskError:
     if is_full(error):
         return DiskFullError(
             f"the disk of {folder} is full",
-            hint="what was saved before is intact; make room, and it can go on",
+            hint="what was saved before is intact; make room, and it can go on;"
+            " a disk with space left may hold too many files",
         )
     return DiskError(
         f"cannot write {error.filename or folder}: {error.strerror or error}",

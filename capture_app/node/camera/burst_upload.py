@@ -170,6 +170,8 @@ class Upload:
     """Whether it has ever been refused for now, perhaps because an image is damaged."""
     requested: frozenset[int] | None = None
     """The instants that the leader requests; None for all."""
+    is_committed: bool = False
+    """Whether the leader has ever named them, so that no further ones are announced over a later stream."""
     end_instant: int | None = None
     """Of a streamed burst: the number of instants that the leader needs."""
     on_commit: Callable[[], None] = lambda: None
@@ -275,7 +277,7 @@ class Upload:
 
         Frames of a streamed burst that do not fit into memory are missing.
         """
-        if self.ended or (not self.streamed and self.state in (_S.SENDING, _S.OVER)):
+        if self.ended or (not self.streamed and (self.is_committed or self.state is _S.OVER)):
             return
         for gap in picked.gaps:
             self._note_missing(gap.instant, gap.reason, dropped=gap.reason == DROPPED)
@@ -321,6 +323,7 @@ class Upload:
         self.end_instant = end
         self.requested = None if requested is None else frozenset(requested)
         if not self.streamed:
+            self.is_committed |= self.state is _S.SENDING
             self.on_commit()
         self.frames = deque(frame for frame in self.frames if self._is_needed(frame.instant))
         return self._let_go([instant for instant in self.images if not self._is_needed(instant)])

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, cast
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from capture_app.node.camera import burst_upload as rules
@@ -260,6 +260,7 @@ def small_batches() -> Any:
 
 @pytest.mark.parametrize("streamed", [False, True])
 @given(HISTORIES, st.none() | st.frozensets(st.integers(0, 11)))
+@example([("ask", 0), ("told", 0), ("break_off", 0), ("select", 1)], None)
 def test_nothing_is_lost_sent_twice_or_taken_back(
     streamed: bool, history: list[tuple[str, int]], requested: frozenset[int] | None
 ) -> None:

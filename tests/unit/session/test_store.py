@@ -46,6 +46,7 @@ def test_what_is_written_is_read(session: Session) -> None:
     assert session.ground_truth("left", 0) == session.folder / "ground_truth/left/000000.npz"
     assert session.ground_truth("left", 1) is None
     assert session.ground_truth("../left", 0) is None
+    assert session.ground_truth("left", 10**400) is None
     times = session.true_times()
     assert times is not None
     assert times.images[0].true_ns == 77

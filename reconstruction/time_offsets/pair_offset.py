@@ -48,6 +48,8 @@ from reconstruction.time_offsets.rough_offset import RoughOffset, find_rough_off
 from reconstruction.time_offsets.screens import find_screen
 from reconstruction.time_offsets.single_images import repeated_images
 
+MARGIN_PX = 16
+"""Margin around a moving region, so that points at its edge get descriptors too."""
 MAX_DRIFT_PX = 0.5
 """Maximum distance from its start of a point tracked to the neighbouring image and back."""
 MATCH_RATIO = 0.8
@@ -395,9 +397,8 @@ class PairOffsets:
         image = data.grey(camera, instant)
         moving = np.ones(image.shape, bool) if all_moves else self._bodies(camera, instant)
         left, top, wide, tall = cv2.boundingRect(moving.astype(np.uint8))
-        # With a margin of 16 px, so that points at its edge get descriptors too.
-        corner = max(0, left - 16), max(0, top - 16)
-        part = np.s_[corner[1] : top + tall + 15, corner[0] : left + wide + 15]
+        corner = max(0, left - MARGIN_PX), max(0, top - MARGIN_PX)
+        part = np.s_[corner[1] : top + tall - 1 + MARGIN_PX, corner[0] : left + wide - 1 + MARGIN_PX]
         # Larger regions than 960 px are reduced before points are detected in them.
         points = detect_features(image[part], 960, 400, FAINT_CONTRAST, allowed=moving[part])
         at, raw = points.positions + corner, points.descriptors

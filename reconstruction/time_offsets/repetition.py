@@ -10,6 +10,8 @@ from reconstruction.scene.dataset import Dataset
 from reconstruction.time_offsets.frame_jumps import BLUR_PX, NOISES
 from reconstruction.time_offsets.rough_offset import MIN_IMAGES, first_return, reduced_image
 
+MAX_IMAGES = 120
+"""Maximum number of successive images that are compared, in the middle of the take."""
 MIN_FRACTION = 1 / 3
 """Minimum fraction of the images that are like the ones a period before, beside their minimum number."""
 UNLIKE, ALIKE = 0.3, 0.7
@@ -21,9 +23,9 @@ something beside it that does not repeat, or has another period, it is 0.6 at mo
 
 
 def middle_images(dataset: Dataset, camera: str) -> tuple[Sequence[int], Array]:
-    """Return at most 120 successive instants in a take's middle, and reduced images (t, h, w)."""
+    """Return at most `MAX_IMAGES` successive instants in a take's middle, and reduced images (t, h, w)."""
     whole = dataset.instants(camera)
-    there = whole[max(0, len(whole) - 120) // 2 :][:120]
+    there = whole[max(0, len(whole) - MAX_IMAGES) // 2 :][:MAX_IMAGES]
     images = [cv2.GaussianBlur(reduced_image(dataset, camera, k), (0, 0), BLUR_PX) for k in there]
     return there, np.array(images, np.float32)
 

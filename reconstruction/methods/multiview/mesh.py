@@ -17,6 +17,8 @@ from reconstruction.common.native_libraries import foreign_calls, load_open3d
 from reconstruction.methods.multiview.fusion import SLACK, FusedCloud, find_denied, project_points
 from reconstruction.methods.multiview.sweep_matcher import ViewDepth
 
+NEIGHBOURS = 16
+"""Number of neighbours by which a point is judged an outlier."""
 MAX_JUMP = 0.006
 """Maximum relative difference of depths in a triangle, unless its corners are in one plane.
 
@@ -238,8 +240,8 @@ def _drop_outliers(o3d: Any, fused: FusedCloud) -> Any:
     cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(fused.points))
     cloud.normals = o3d.utility.Vector3dVector(fused.normals)
     cloud.colors = o3d.utility.Vector3dVector(fused.colours / 255)
-    # By their distances from 16 neighbours.
-    return cloud.remove_statistical_outlier(16, 2.5)[0] if len(fused.points) > 16 else cloud
+    enough = len(fused.points) > NEIGHBOURS
+    return cloud.remove_statistical_outlier(NEIGHBOURS, 2.5)[0] if enough else cloud
 
 
 def up_direction(rotations: Sequence[Array]) -> Array:

@@ -83,10 +83,10 @@ def find_rough_scene(images: Mapping[str, CalibratedImage]) -> RoughScene:
     points = {name: own_points for name, own_points in points.items() if len(own_points) >= MIN_PIXELS}
     if not points:
         raise _nothing_in_common(views, neighbours)
-    spans = {name: point_range(views[name], own_points) for name, own_points in points.items()}
+    ranges = {name: point_range(views[name], own_points) for name, own_points in points.items()}
     middle = choose_reference_view({name: views[name] for name in points}, points)
-    thin = _thin_points(images[middle], [images[other] for other in neighbours[middle]], spans[middle])
-    depth_ranges = {name: _extended(span, views[name], thin) for name, span in spans.items()}
+    thin = _thin_points(images[middle], [images[other] for other in neighbours[middle]], ranges[middle])
+    depth_ranges = {name: _extended(ranges[name], views[name], thin) for name in ranges}
     return RoughScene(points, depth_ranges, has_thin=len(thin) > 0)
 
 
@@ -135,10 +135,10 @@ def point_range(view: View, points: Array) -> tuple[float, float]:
 
 
 def _thin_points(
-    image: CalibratedImage, others: Sequence[CalibratedImage], span: tuple[float, float]
+    image: CalibratedImage, others: Sequence[CalibratedImage], depth_range: tuple[float, float]
 ) -> Array:
     """Return points (n, 3) of things nearer than a view's others that are too thin for the small images."""
-    nearest, farthest = span[0] / THIN_MARGIN, THIN_MARGIN * span[1]
+    nearest, farthest = depth_range[0] / THIN_MARGIN, THIN_MARGIN * depth_range[1]
     reference, *sources = (
         picture.scaled(min(1.0, THIN_WIDTH_PX / picture.view.width)) for picture in (image, *others)
     )
@@ -153,11 +153,11 @@ def _thin_points(
     return reference.view.unproject(np.column_stack([columns, rows]).astype(float), 1 / level[rows, columns])
 
 
-def _extended(span: tuple[float, float], view: View, thin: Array) -> tuple[float, float]:
-    """Return the range of depth that is searched: wider than the points' span, with thin things (n, 3)."""
+def _extended(depth_range: tuple[float, float], view: View, thin: Array) -> tuple[float, float]:
+    """Return the range of depth that is searched: wider than that of points, with thin things (n, 3)."""
     seen = thin[seen_points(view, view, thin)[0]] @ view.rotation.T + view.translation
-    nearest = min(span[0] / NEAR_MARGIN, float(seen[:, 2].min(initial=np.inf)) / 1.05)
-    return max(nearest, span[0] / THIN_MARGIN / NEARER), FAR_MARGIN * span[1]
+    nearest = min(depth_range[0] / NEAR_MARGIN, float(seen[:, 2].min(initial=np.inf)) / 1.05)
+    return max(nearest, depth_range[0] / THIN_MARGIN / NEARER), FAR_MARGIN * depth_range[1]
 
 
 def _nothing_in_common(

@@ -265,7 +265,7 @@ class LeaderService:
         """Return the answer to a request that has one. Raises NetworkError for any other message."""
         match message:
             case messages.StatusRequest():
-                await self._bursts.look_at_disk()
+                await self._rig.look_at_disk()
                 return messages.StatusAnswer(rig=self._rig.status(message.after))
             case orders.AskTime():
                 return orders.TimeAnswer(leader_ns=self._bursts.now_ns(), unix_ns=time.time_ns())

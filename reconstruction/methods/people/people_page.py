@@ -9,8 +9,7 @@ import numpy as np
 from capture_app.common.walk import SKELETONS
 from reconstruction.common.camera_paths import frame_of
 from reconstruction.common.geometry import Array, View
-from reconstruction.methods.people.people_pictures import UNSURE
-from reconstruction.methods.people.people_run import PeopleInTime
+from reconstruction.methods.people.people_run import UNSURE, PeopleInTime
 from reconstruction.pages.walk_page import Drawing, path_of, write_walk_page
 
 HELD = 64

@@ -11,7 +11,7 @@ from capture_app.session.exporting.videos import write_video
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.image_files import write_image
 from reconstruction.common.templates import environment_of
-from reconstruction.methods.people.people_run import PeopleInTime
+from reconstruction.methods.people.people_run import PeopleInTime, unsure_joints
 from reconstruction.methods.people.skeletons import Skeleton
 from reconstruction.scene.dataset import Dataset
 
@@ -19,8 +19,6 @@ COLOURS = ((172, 182, 38), (40, 130, 250), (219, 86, 211), (86, 180, 233), (120,
 """BGR of each person, again from the first after the last."""
 FAR_PX = 1e5
 """Distance of pixels that are not drawn any more."""
-UNSURE = 0.15
-"""Error of a joint relative to the person's size from which it is a ring, as in skeletons.js."""
 PLOT_SIZE = (640, 150)
 PLOTTED = 8
 """Most joints of a person in a plot: those that move most."""
@@ -58,8 +56,7 @@ def draw_joints(
             for k, (x, y) in zip(ahead.tolist(), pixels.tolist(), strict=True)
             if abs(x) + abs(y) < FAR_PX
         }
-        size = np.linalg.norm(np.ptp(camera[ahead], axis=0)) if len(ahead) else 0.0
-        unsure = error > UNSURE * size
+        unsure = unsure_joints(positions, error)
         for a, b in skeleton.bones:
             if a in places and b in places:
                 width = max(1, thick // 2) if unsure[a] or unsure[b] else thick

@@ -23,7 +23,7 @@ from reconstruction.methods.people.people_files import (
 from reconstruction.methods.people.people_options import PeopleOptions
 from reconstruction.methods.people.people_page import write_people_page
 from reconstruction.methods.people.people_pictures import write_films, write_pictures, write_plots
-from reconstruction.methods.people.people_run import PeopleFinder, PeopleInTime, Person
+from reconstruction.methods.people.people_run import PeopleFinder, PeopleInTime, Person, unsure_joints
 from reconstruction.methods.people.people_scene import (
     UPS,
     describe_axes,
@@ -57,6 +57,8 @@ class PersonResult(msgspec.Struct, frozen=True, kw_only=True):
     """Median over its joints of the root mean square distance in the images."""
     cameras: float
     """Mean number of cameras that a known joint is from."""
+    unsure: float = 0.0
+    """Fraction of its known joints that are gaps in TRC, C3D and glTF, as their error is large."""
 
 
 class PeopleResult(Provenance, frozen=True, kw_only=True):
@@ -172,7 +174,12 @@ def _write(
     """Write all files; return what was left out, in sentences."""
     times_s = people.times_s
     write_table(folder / TABLE, times_s, people.skeleton, people.people, bias_is_known=bias_is_known)
-    upright = [person.positions @ rotation.T for person in people.people]
+    # These formats have no place for an error, so that unsure joints are gaps there.
+    sure = [
+        np.where(unsure_joints(person.positions, person.error)[..., None], np.nan, person.positions)
+        for person in people.people
+    ]
+    upright = [positions @ rotation.T for positions in sure]
     left_out = write_formats(folder, times_s, people.skeleton, upright, scene.unit, options.smooth)
     write_plots(folder / PLOTS, people, rotation[1], scene.unit)
     still = write_pictures(folder / PICTURES, scene.dataset, scene.views, people)
@@ -194,6 +201,7 @@ def _summary(number: int, person: Person, times_s: Array) -> PersonResult:
         error=float(f"{np.median(person.error[known]):.4g}"),
         reprojection_px=round(float(np.median(person.residual_px[known])), 3),
         cameras=round(float(person.cameras[known].mean()), 3),
+        unsure=round(float(unsure_joints(person.positions, person.error)[known].mean()), 4),
     )
 
 

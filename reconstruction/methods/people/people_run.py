@@ -38,6 +38,8 @@ AROUND = 4
 NOISE_ROUNDS = 4
 MIN_JOINTS = 0.2
 """Fraction of joints that an individual needs at some time."""
+UNSURE = 0.15
+"""Error of a joint relative to the person's size from which it is unsure: a ring, as in skeletons.js."""
 
 
 class CameraFrames(NamedTuple):
@@ -89,6 +91,18 @@ class Person(NamedTuple):
     error: Array
     residual_px: Array
     cameras: Array
+
+
+def unsure_joints(positions: Array, error: Array) -> Array:
+    """Return which joints (..., joints) have a large error for the person's size; gaps have none.
+
+    `positions` is (..., joints, 3), NaN = unknown.
+    """
+    known = np.isfinite(positions)
+    extent = np.where(known, positions, -np.inf).max(axis=-2) - np.where(known, positions, np.inf).min(
+        axis=-2
+    )
+    return np.asarray(error > UNSURE * np.linalg.norm(extent, axis=-1, keepdims=True))
 
 
 @dataclass(frozen=True, eq=False)

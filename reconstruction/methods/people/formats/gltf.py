@@ -24,23 +24,26 @@ TRIANGLES = FACES[:, [0, 1, 2, 0, 2, 3]].ravel()
 def write(path: Path, times_s: Array, skeleton: Skeleton, people: Sequence[Array], unit: str) -> None:
     """Write people, positions (times, joints, 3) with y up, as a glTF 2.0 whose bones move.
 
-    Each joint is a node; a person's mesh has a box a bone, whose ends move with its joints. A joint that is
-    never known is left out; in a gap it waits where it was.
+    Each joint is a node; a person's mesh has a box a bone, whose ends move with its joints. A joint, or a
+    person, that is never known is left out; in a gap a joint waits where it was.
     """
     document, nodes, paths = Gltf(), list[int](), dict[int, int]()
     times = document.add_array("<f4", times_s)
     for number, positions in enumerate(people, 1):
-        surface, moved = _add_person(document, f"person{number}", skeleton, positions)
-        nodes += *moved, surface
-        paths |= moved
-    document.add("scenes", nodes=nodes)
-    document.add(
-        "animations",
-        samplers=[{"input": times, "output": path} for path in paths.values()],
-        channels=[
-            {"sampler": k, "target": {"node": node, "path": "translation"}} for k, node in enumerate(paths)
-        ],
-    )
+        if np.isfinite(positions).any():
+            surface, moved = _add_person(document, f"person{number}", skeleton, positions)
+            nodes += *moved, surface
+            paths |= moved
+    document.add("scenes", **({"nodes": nodes} if nodes else {}))
+    if paths:
+        document.add(
+            "animations",
+            samplers=[{"input": times, "output": path} for path in paths.values()],
+            channels=[
+                {"sampler": k, "target": {"node": node, "path": "translation"}}
+                for k, node in enumerate(paths)
+            ],
+        )
     write_atomic(path, document.encode())
 
 
@@ -55,7 +58,7 @@ def _add_person(
         path = positions[at[np.searchsorted(at, np.arange(len(known)), "right").clip(1) - 1], k]
         node = document.add("nodes", name=f"{name}_{skeleton.joints[k]}", translation=path[0].tolist())
         moved[node] = document.add_array("<f4", path)
-    bones = [bone for bone in skeleton.bones if {*bone} <= {*joints}]
+    bones = [(a, b) for a, b in skeleton.bones if (known[:, a] & known[:, b]).any()]
     lengths = [np.linalg.norm(positions[:, a] - positions[:, b], axis=1) for a, b in bones]
     width = BONE_WIDTH * float(np.nanmedian(lengths)) if bones else NO_BONES
     ends = np.searchsorted(joints, bones or [(k, k) for k in joints])

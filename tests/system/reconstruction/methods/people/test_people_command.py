@@ -39,6 +39,24 @@ def test_python_gives_arrays_with_names(tmp_path: Path) -> None:
     ]  # fmt: skip
 
 
+def test_what_is_unsure_is_a_gap_where_no_error_can_be_said(tmp_path: Path, reconstruct: Reconstruct) -> None:
+    labels, out = write_csv(tmp_path / "labels"), tmp_path / "out"
+    rng = np.random.default_rng(5)
+    for path in labels.iterdir():
+        lines = path.read_text().splitlines()
+        rows = [line.split(",") for line in lines[3:]]
+        for row in rows:  # the last joint is somewhere else in each camera
+            row[-3:-1] = [
+                str(float(x) + moved) for x, moved in zip(row[-3:-1], rng.normal(0, 80, 2), strict=True)
+            ]
+        path.write_text("\n".join([*lines[:3], *map(",".join, rows)]) + "\n")
+    done = reconstruct("people", JUMPER, "--keypoints", labels, "--out", out)
+    assert "% of these unsure: gaps in trc, c3d and people.gltf)" in done.out
+    assert f",{JOINTS[-1]}," in (out / "people.csv").read_text()
+    rows = (out / "trc" / "person1.trc").read_text().splitlines()[6:]
+    assert [row.split("\t")[-3:] for row in rows] == [["", "", ""]] * INSTANTS
+
+
 def test_a_film_shows_each_instant_of_each_camera(tmp_path: Path, reconstruct: Reconstruct) -> None:
     labels, out = write_csv(tmp_path / "labels"), tmp_path / "out"
     done = reconstruct("people", JUMPER, "--keypoints", labels, "--film", "--smooth", 6, "--out", out)

@@ -10,6 +10,7 @@ import pytest
 
 from reconstruction.methods.people.formats import c3d, gltf, trc
 from reconstruction.methods.people.people_files import smoothed
+from reconstruction.methods.people.people_run import UNSURE, unsure_joints
 from reconstruction.methods.people.skeletons import Skeleton
 
 SKELETON = Skeleton(("hip", "knee", "toe"), ((0, 1),))
@@ -56,6 +57,24 @@ def test_a_gltf_moves_each_joint_along_its_positions(tmp_path: Path) -> None:
     values = np.frombuffer(data, "<f4", 15, view["byteOffset"]).reshape(5, 3)
     assert values == pytest.approx(POSITIONS[:, 2], abs=1e-6)
     assert document["skins"][0]["joints"] == [0, 1, 2]
+
+
+def test_a_gltf_leaves_out_who_is_never_known(tmp_path: Path) -> None:
+    nobody, apart = np.full((5, 3, 3), np.nan), POSITIONS.copy()
+    apart[:3, 0] = apart[3:, 1] = np.nan
+    gltf.write(tmp_path / "one.gltf", TIMES_S, SKELETON, [nobody, apart], "m")
+    text = (tmp_path / "one.gltf").read_text()
+    assert "NaN" not in text
+    assert {node["name"].partition("_")[0] for node in json.loads(text)["nodes"]} == {"person2"}
+    gltf.write(tmp_path / "none.gltf", TIMES_S, SKELETON, [nobody], "m")
+    assert "animations" not in json.loads((tmp_path / "none.gltf").read_text())
+
+
+def test_a_joint_is_unsure_by_its_error_and_the_size_of_its_person() -> None:
+    positions = np.array([[[0.0, 0, 0], [0, 2, 0], [0, 1, 0], [np.nan] * 3]])
+    error = np.array([[0.01, 2.1 * UNSURE, 1.9 * UNSURE, np.nan]])
+    assert unsure_joints(positions, error).tolist() == [[False, True, False, False]]
+    assert not unsure_joints(np.full((1, 2, 3), np.nan), np.full((1, 2), np.nan)).any()
 
 
 def test_smoothing_keeps_a_slow_motion_and_removes_a_fast_one() -> None:

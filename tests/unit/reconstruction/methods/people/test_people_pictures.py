@@ -5,7 +5,8 @@ import re
 import numpy as np
 
 from capture_app.common.walk import SKELETONS
-from reconstruction.methods.people.people_pictures import UNSURE, draw_joints
+from reconstruction.methods.people.people_pictures import draw_joints
+from reconstruction.methods.people.people_run import UNSURE
 from reconstruction.methods.people.skeletons import Skeleton
 from tests.project import ROOT
 from tests.unit.reconstruction.conftest import make_view

@@ -13,6 +13,8 @@ from capture_app.session.format.lens import Lens, lens_of
 
 Array = npt.NDArray[Any]
 """An array; its type and shape are in the docstring of what uses it."""
+SIGMAS_95 = 1.96
+"""Standard deviations of a 95 % error."""
 
 
 @dataclass(frozen=True)

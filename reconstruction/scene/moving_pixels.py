@@ -27,8 +27,6 @@ MIN_GREY_STEP = 8.0
 """Minimum change of grey level (of 255) that counts as motion."""
 SHAKE_PX = 0.7
 """Maximum shift of a static edge that is not motion, as with a vibrating camera."""
-WHITE = 254
-"""Grey level from which a pixel may be saturated."""
 MARGIN_PX = 5
 """Margin around what moves, within which nothing counts as at rest."""
 MIN_CELLS = 8
@@ -86,9 +84,10 @@ def in_light_of(image: Array, other: Array) -> Array:
     changed, left = (float(np.median(np.abs(some - picture))) for picture in (others, others * gains))
     if left >= changed / 2:
         return other
-    lit = np.minimum(other * cv2.resize(gains, (1, len(other))), WHITE)
+    white = 254
+    lit = np.minimum(other * cv2.resize(gains, (1, len(other))), white)
     # Of what was white already, no light shows how bright it is.
-    return np.asarray(np.where(other >= WHITE, np.maximum(lit, image), lit))
+    return np.asarray(np.where(other >= white, np.maximum(lit, image), lit))
 
 
 def _grey_difference(a: Array, b: Array) -> Array:

@@ -29,8 +29,6 @@ OVERLAP_LIMITS = (0.15, 0.8)
 """Minimum and maximum fraction of an image that its neighbour in a panorama overlaps."""
 EPIPOLAR_PX = 3.0
 """Maximum epipolar error of a match."""
-BEST_PARALLAX_DEG = 10.0
-"""Parallax beyond which two views look too different for dense matching."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,8 +188,8 @@ def choose_stereo_pair(views: Mapping[str, View], points: Mapping[str, Features]
     """Choose the pair with the most in common, enough parallax and nearly parallel axes.
 
     The score is the fraction of the image with matched static points times a factor. The factor rises with
-    parallax (depth needs it) and falls beyond `BEST_PARALLAX_DEG` (matching suffers). Pairs that cannot be
-    rectified are left out.
+    parallax (depth needs it) and falls beyond 10 degrees (matching suffers). Pairs that cannot be rectified
+    are left out.
     """
     why = (
         f"no two cameras have {MIN_MATCHES} points at rest in common: their views are too different, or the "
@@ -243,7 +241,8 @@ def _stereo_score(a: View, b: View, at_a: Array, at_b: Array) -> tuple[float, st
     parallax = float(np.median(angles_deg(a.rays(at_a) @ rotation.T, b.rays(at_b))))
     shared = len(grid_cells(at_a, a.width, a.height)) / math.prod(GRID)
     ahead = abs(float(a.axis @ apart)) / float(np.linalg.norm(apart))
-    score = shared * (1 - np.exp(-parallax / 1.5)) * np.exp(-((parallax / BEST_PARALLAX_DEG) ** 2))
+    # Beyond ten degrees two views look too different for dense matching.
+    score = shared * (1 - np.exp(-parallax / 1.5)) * np.exp(-((parallax / 10) ** 2))
     step = np.abs(a.rotation @ apart)[:2]
     slant = float(step.min() / max(float(np.hypot(*step)), 1e-12))
     # A slanted baseline rotates the rectified images: more empty corners, and harder to look at.

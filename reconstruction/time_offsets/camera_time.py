@@ -13,15 +13,6 @@ from reconstruction.time_offsets.single_images import SingleImages
 
 MAX_OFFSET_MS = 300.0
 """Maximum offset searched for."""
-DIGITS = {
-    "offset_ms": 3,
-    "sd_ms": 3,
-    "row_time_ns": None,
-    "row_time_sd_ns": None,
-    "misfit_px": 1,
-    "jitter_ms": 1,
-}
-"""Decimal places to which each field is rounded; None: a whole number."""
 
 
 class CameraTime(Struct, frozen=True, kw_only=True, omit_defaults=True):
@@ -62,9 +53,17 @@ class CameraTime(Struct, frozen=True, kw_only=True, omit_defaults=True):
     row_time_sd_ns: float | None = None
 
     def rounded(self) -> "CameraTime":
-        """Return a copy rounded to the decimal places in `DIGITS`."""
-        known = {name: value for name in DIGITS if (value := getattr(self, name)) is not None}
-        return structs.replace(self, **{name: round(value, DIGITS[name]) for name, value in known.items()})
+        """Return a copy in microseconds, tenths of a pixel and whole nanoseconds of row times."""
+        digits = {
+            "offset_ms": 3,
+            "sd_ms": 3,
+            "row_time_ns": None,
+            "row_time_sd_ns": None,
+            "misfit_px": 1,
+            "jitter_ms": 1,
+        }
+        known = {name: value for name in digits if (value := getattr(self, name)) is not None}
+        return structs.replace(self, **{name: round(value, digits[name]) for name, value in known.items()})
 
 
 class ImageTimes:

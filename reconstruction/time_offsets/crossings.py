@@ -34,10 +34,6 @@ from reconstruction.time_offsets.pair_geometry import (
     places,
 )
 
-MIN_MATCH_PX = 0.1
-"""Minimum error of a match."""
-MIN_STILL_PX = 0.2
-"""Minimum error of a static point."""
 MIN_ACROSS_PX = 1.0
 """Points that move across their line by less than this in a frame period are ignored."""
 MIN_ACROSS, MIN_AGREEING = 0.15, 0.25
@@ -684,9 +680,10 @@ def _fit(
     match_px = 2.0
     for step in range(20):
         miss = seen - rows @ values
+        # A match is off by a tenth of a pixel or more, a static point by twice as much.
         if step:
-            match_px = _robust_sd(miss[:count], MIN_MATCH_PX)
-        rest_px = _robust_sd(miss[count:], MIN_STILL_PX)
+            match_px = _robust_sd(miss[:count], 0.1)
+        rest_px = _robust_sd(miss[count:], 0.2)
         weights = weigh(miss, match_px, rest_px)
         prior = np.diag([0.0 if count else 1.0, *np.full(TERMS, prior_sd**-2)])
         normal = rows.T @ (weights[:, None] * rows) + prior

@@ -15,8 +15,6 @@ from reconstruction.time_offsets.instant_votes import Step
 
 BESIDE = 4
 """Number of instants before and after a step's range that also count."""
-OUTSIDE = 2
-"""Number of instants outside a step's range that are possible too: where motion turns, crossings mislead."""
 MIN_CHANGES = 6
 """Minimum number of changes of one camera that those of the other can explain."""
 BLUR_PX = 1.5
@@ -45,7 +43,8 @@ def place_step(step: Step, first: Mapping[int, float], second: Mapping[int, floa
     second camera is later before the step.
     """
     inside = range(step.earliest, step.latest + 1)
-    beside = range(max(step.earliest - OUTSIDE, 1), step.latest + OUTSIDE + 1)
+    # Where motion turns, crossings mislead: two instants outside the range are possible too.
+    beside = range(max(step.earliest - 2, 1), step.latest + 2 + 1)
     near = [k for k in second if step.earliest - BESIDE <= k <= step.latest + BESIDE]
 
     def misfit(place: int) -> float:

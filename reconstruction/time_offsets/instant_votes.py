@@ -27,10 +27,6 @@ CHANGE_COST = 1.2
 """Number of instants that must gain by a change of the offset."""
 FRAME_COST = 0.5
 """The same by each further frame of one step. Two instants at the end may seem far off where motion turns."""
-MAX_STEP_FRAMES = 4
-"""Maximum number of frames that a step drops or repeats."""
-MAX_RATE = 0.35
-"""Maximum difference of two cameras' frame rates, as a fraction."""
 MIN_DRIFT_FRAMES = 0.6
 """Minimum change over the take, in frames; a wrong calibration may cause a smaller one."""
 UNDECIDED, EQUAL = 0.7, 0.3
@@ -215,7 +211,8 @@ def _best_steps(votes: Votes, support: Array, period_ms: float) -> tuple[float, 
 
     By dynamic programming over the instants (Bellman 1957), with a cost for each change by its frames.
     """
-    frames = np.arange(-MAX_STEP_FRAMES, MAX_STEP_FRAMES + 1)
+    # Steps of at most four frames are searched for.
+    frames = np.arange(-4, 4 + 1)
     bins = np.rint(frames * period_ms / BIN_MS).astype(int)
     costs = (CHANGE_COST + FRAME_COST * (np.abs(frames) - 1)) * (frames != 0)
     times, size = support.shape
@@ -262,7 +259,8 @@ def _best_drift(votes: Votes, support: Array, period_ms: float) -> tuple[float, 
     """Return the best score of an offset that grows with time, and its growth in frames per instant."""
     since = votes.instants - votes.instants.mean().round()
     span = int(votes.instants[-1] - votes.instants[0])
-    max_frames = min(MAX_RATE * span, float(votes.offsets_ms[-1]) / period_ms)
+    # Frame rates that differ by at most 35 % are searched for.
+    max_frames = min(0.35 * span, float(votes.offsets_ms[-1]) / period_ms)
     rows, size = np.arange(len(since))[:, None], support.shape[1]
     whole = np.pad(support, ((0, 0), (size, size)))
     best = 0.0, 0.0

@@ -31,8 +31,6 @@ MIN_ROWS = 6
 """Minimum number of rows that show an edge."""
 MAX_RESIDUAL = 0.12
 """Maximum RMS residual of an edge from its ramp, as a fraction of its rise."""
-STEPS = 61
-"""Number of times at which an edge is tried."""
 RAMP_ERROR = 0.015
 """Error of an edge from a different tone curve or flickering light, as a fraction of its ramp."""
 NEAR_MS = 20.0
@@ -86,12 +84,12 @@ class BlinkEdge:
 
     def place(self, near: float, half_width: float, ramp: Ramp) -> tuple[float, float]:
         """Return the best-fitting time of the ramp within `half_width` of `near`, and its cost."""
-        places = near + np.linspace(-1, 1, STEPS) * half_width
+        places = near + np.linspace(-1, 1, 61) * half_width
         misses = self.level((self.times_ms[None] - places[:, None]) / ramp[0] + 0.5, ramp) - self.lit[None]
         costs = np.log1p((misses / (3 * self.sd[None])) ** 2).sum(1)
         k = int(costs.argmin())
         place = float(places[k])
-        if 0 < k < STEPS - 1:
+        if 0 < k < len(places) - 1:
             a, b, c = costs[k - 1], costs[k], costs[k + 1]
             place += float(0.5 * (a - c) / (a + c - 2 * b) * (places[1] - places[0]))
         return place, float(costs[k])
@@ -206,7 +204,7 @@ def find_edge_time(edge: BlinkEdge, ramp: Ramp) -> EdgeTime | None:
     at = edge.rough_ms
     for _ in range(3):
         at, _ = edge.place(at, half_width, ramp)
-        half_width /= STEPS / 6
+        half_width /= 10
     part = (edge.times_ms - at) / width_ms + 0.5
     inside = (part > 0) & (part < 1)
     if np.unique(np.floor(part[inside] * 20)).size / 20 < COVERED:

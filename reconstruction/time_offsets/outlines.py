@@ -21,8 +21,6 @@ MAX_STEP_WIDTHS = 6.0
 """Maximum distance that an object moves between successive images, in object widths."""
 MAX_CHANGE, SMALL_STEP_PX = 0.5, 2.0
 """Maximum change of an object's speed, as a fraction, and a step between images that may change wholly."""
-EDGE_PX = 2
-"""Margin of an object, which must lie within the image."""
 SHAPE_ERROR = 0.5
 """Error of an object's centre along an axis, as a fraction of its contour's deviation from an ellipse.
 
@@ -78,21 +76,22 @@ def find_outlines(image: Array, background: Array, moving: Array) -> Outlines:
     differs = difference > max(12.0, 6 * 1.4826 * float(np.median(difference)))
     count, labels, stats, _ = cv2.connectedComponentsWithStats(differs.astype(np.uint8))
     height, width = image.shape
+    edge_px = 2
     largest = sorted(range(1, count), key=lambda k: -int(stats[k, cv2.CC_STAT_AREA]))
     outlines: list[tuple[Array, float, float]] = []
     for k in largest:
         left, top, wide, high, area = (int(value) for value in stats[k])
-        whole = min(left, top, width - left - wide, height - top - high) >= EDGE_PX
+        whole = min(left, top, width - left - wide, height - top - high) >= edge_px
         compact = max(wide, high) < MAX_ASPECT * min(wide, high)
         if area < MIN_AREA_PX or len(outlines) == 4:
             break
         if area > MAX_FRACTION * image.size or not whole or not compact:
             continue
-        part = np.s_[top - EDGE_PX : top + high + EDGE_PX, left - EDGE_PX : left + wide + EDGE_PX]
+        part = np.s_[top - edge_px : top + high + edge_px, left - edge_px : left + wide + edge_px]
         mask = labels[part] == k
         solid = mask.sum() > MIN_SOLID * cv2.contourArea(cv2.convexHull(_contour(mask)))
         if solid and (moving[part] & mask).any():
-            outlines.append(_measured(difference[part], mask, (left - EDGE_PX, top - EDGE_PX)))
+            outlines.append(_measured(difference[part], mask, (left - edge_px, top - edge_px)))
     at, areas, errors_px = (np.array([outline[i] for outline in outlines]) for i in range(3))
     return Outlines(at.reshape(-1, 2), areas, errors_px)
 

@@ -48,14 +48,10 @@ from reconstruction.time_offsets.rough_offset import RoughOffset, find_rough_off
 from reconstruction.time_offsets.screens import find_screen
 from reconstruction.time_offsets.single_images import repeated_images
 
-MARGIN_PX = 16
-"""Margin around a moving region, so that points at its edge get descriptors too."""
 MAX_DRIFT_PX = 0.5
 """Maximum distance from its start of a point tracked to the neighbouring image and back."""
 MATCH_RATIO = 0.8
 """Maximum ratio of a match's distance to the second best's."""
-INSTANTS = 6, 48
-"""Minimum and maximum number of instants of a pair."""
 DISAGREEING = 3.0
 """Standard deviations between two fits of an offset from which they contradict each other."""
 MIN_REST = 0.3
@@ -100,8 +96,8 @@ class PairOffsets:
         self.dataset = scene.dataset
         # Offsets of at most twenty frames are searched for.
         self.max_offset_ms = min(MAX_OFFSET_MS, 20 * self.dataset.period_ns / 1e6)
-        # About 150 images of all cameras together: more cameras mean fewer instants of each pair.
-        self.max_instants = int(np.clip(150 // len(self.dataset.cameras), *INSTANTS))
+        # About 150 images of all cameras together: more cameras mean fewer instants of each pair, 6 to 48.
+        self.max_instants = int(np.clip(150 // len(self.dataset.cameras), 6, 48))
         self._points = computed_once(self._find_points)
         self._outlines = computed_once(self._find_outlines)
         self._stays = computed_once(self._find_staying)
@@ -397,8 +393,10 @@ class PairOffsets:
         image = data.grey(camera, instant)
         moving = np.ones(image.shape, bool) if all_moves else self._bodies(camera, instant)
         left, top, wide, tall = cv2.boundingRect(moving.astype(np.uint8))
-        corner = max(0, left - MARGIN_PX), max(0, top - MARGIN_PX)
-        part = np.s_[corner[1] : top + tall - 1 + MARGIN_PX, corner[0] : left + wide - 1 + MARGIN_PX]
+        # Points at the edge of what moves get descriptors too.
+        margin_px = 16
+        corner = max(0, left - margin_px), max(0, top - margin_px)
+        part = np.s_[corner[1] : top + tall - 1 + margin_px, corner[0] : left + wide - 1 + margin_px]
         # Larger regions than 960 px are reduced before points are detected in them.
         points = detect_features(image[part], 960, 400, FAINT_CONTRAST, allowed=moving[part])
         at, raw = points.positions + corner, points.descriptors

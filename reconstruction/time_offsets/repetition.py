@@ -10,10 +10,6 @@ from reconstruction.scene.dataset import Dataset
 from reconstruction.time_offsets.frame_jumps import BLUR_PX, NOISES
 from reconstruction.time_offsets.rough_offset import MIN_IMAGES, first_return, reduced_image
 
-MAX_IMAGES = 120
-"""Maximum number of successive images that are compared, in the middle of the take."""
-MIN_FRACTION = 1 / 3
-"""Minimum fraction of the images that are like the ones a period before, beside their minimum number."""
 UNLIKE, ALIKE = 0.3, 0.7
 """Autocorrelation that motion falls below, and then exceeds again after its period.
 
@@ -23,9 +19,9 @@ something beside it that does not repeat, or has another period, it is 0.6 at mo
 
 
 def middle_images(dataset: Dataset, camera: str) -> tuple[Sequence[int], Array]:
-    """Return at most `MAX_IMAGES` successive instants in a take's middle, and reduced images (t, h, w)."""
-    whole = dataset.instants(camera)
-    there = whole[max(0, len(whole) - MAX_IMAGES) // 2 :][:MAX_IMAGES]
+    """Return at most 120 successive instants in a take's middle, and reduced images (t, h, w)."""
+    whole, limit = dataset.instants(camera), 120
+    there = whole[max(0, len(whole) - limit) // 2 :][:limit]
     images = [cv2.GaussianBlur(reduced_image(dataset, camera, k), (0, 0), BLUR_PX) for k in there]
     return there, np.array(images, np.float32)
 
@@ -56,7 +52,8 @@ def _first_period(moving: Array) -> int:
     halves[1::2] = (moving[1:] + moving[:-1]) / 2
     products = halves @ halves.T
     power = np.diagonal(products)
-    lags = range(2 * (len(moving) - max(MIN_IMAGES, int(MIN_FRACTION * len(moving)))))
+    # At least a third of the images are compared with those a period before.
+    lags = range(2 * (len(moving) - max(MIN_IMAGES, len(moving) // 3)))
     both = [np.diagonal(products, lag)[::2].sum() for lag in lags]
     norms = [power[: len(power) - lag : 2].sum() * power[lag::2].sum() for lag in lags]
     alike = np.array(both) / np.sqrt(np.maximum(norms, 1e-9))

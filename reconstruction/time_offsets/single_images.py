@@ -13,6 +13,7 @@ from reconstruction.common.geometry import Array
 from reconstruction.common.templates import render_sentences
 from reconstruction.scene.conditions import evenly_spaced
 from reconstruction.scene.dataset import Dataset
+from reconstruction.time_offsets.frame_jumps import BLUR_PX
 
 WHOLE_FRAMES = 0.25
 """Maximum distance from a whole number of frames at which an image is called so many frames later."""
@@ -111,7 +112,7 @@ def _changes(dataset: Dataset, camera: str) -> dict[int, float]:
     for k in sorted(near.intersection(known)):
         if dataset.has_image(camera, k):
             image = dataset.grey(camera, k).astype(np.float32)
-            blurred[k] = cv2.GaussianBlur(image, (0, 0), 1.5)
+            blurred[k] = cv2.GaussianBlur(image, (0, 0), BLUR_PX)
     sizes = {
         k: float(np.percentile(np.abs(image - blurred[k - 1]), 99.9))
         for k, image in blurred.items()

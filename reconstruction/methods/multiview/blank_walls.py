@@ -33,15 +33,13 @@ MIN_ADVANTAGE, MIN_SCATTER = 0.1, 0.06
 """Minimum mean advantage in correlation of a plane over a surface in front of it, and the scatter of relative
 depth above which that surface is noise. A smooth one that matches as well is an object, perhaps moving."""
 AS_FOUND = 0
+"""Number of a pixel that keeps the depth found before; planes count from 1."""
 EVIDENT_COST = 0.45
 """Matching cost that counts as evidence with the windows of the full-size image."""
-RIM_PX = 4
-"""Distance by which windows of the full-size image extend an object's depth beyond its edge."""
 MIN_BLANK_FRACTION = 0.02
 """Minimum blank fraction of the images."""
 EVIDENT, EVIDENT_WIDE = 0.5, 0.8
 """Maximum matching costs of surface points used, with the image's own windows and with wide ones."""
-WIDE_SWEEP = PlaneSweep(window=WINDOW, fine_window=WINDOW, refinements=(Refinement(0.35, 4),))
 
 
 @dataclass(frozen=True, eq=False)
@@ -307,8 +305,10 @@ def _continue_to_edges(planes: tuple[Array, Array, Array], image: CalibratedImag
     Windows that contain a rod are not blank and find the rod's depth on both sides of it. The change of shade
     shows where the rod really ends.
     """
+    # Windows of the full-size image extend an object's depth by as much beyond its edge.
+    rim_px = 4
     weight = mask.astype(np.float32)
-    window = 2 * RIM_PX + 1, 2 * RIM_PX + 1
+    window = 2 * rim_px + 1, 2 * rim_px + 1
     blank_fraction = cv2.blur(weight, window)
     shade = cv2.blur(weight * image.grey, window) / np.maximum(blank_fraction, 1e-6)
     # At most two standard deviations of the noise off the shade of the blank region beside it.
@@ -316,7 +316,7 @@ def _continue_to_edges(planes: tuple[Array, Array, Array], image: CalibratedImag
     distance, nearest = cv2.distanceTransformWithLabels(
         (~mask).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
     )
-    rows, columns = np.nonzero(~mask & same_shade & (distance <= RIM_PX) & (blank_fraction > 0))
+    rows, columns = np.nonzero(~mask & same_shade & (distance <= rim_px) & (blank_fraction > 0))
     places = np.zeros((int(nearest.max()) + 1, 2), int)
     places[nearest[mask]] = np.column_stack(np.nonzero(mask))
     from_row, from_column = places[nearest[rows, columns]].T
@@ -346,12 +346,14 @@ def fit_blank_walls(
     if np.mean([part.mask.mean() for part in parts.values()]) < MIN_BLANK_FRACTION:
         return dict(surfaces), planes
 
+    wide_sweep = PlaneSweep(window=WINDOW, fine_window=WINDOW, refinements=(Refinement(0.35, 4),))
+
     def sample(name: str) -> list[Array]:
         part, surface = parts[name], surfaces[name]
         level, cost = (_shrunk(values, part.image) for values in (surface.inverse_depth, surface.cost))
         near = sample_surface(part.image, level, cost < EVIDENT)
         others = [parts[other].image for other in sources[name]]
-        wide = WIDE_SWEEP.sweep(part.image, others, depth_ranges[name])
+        wide = wide_sweep.sweep(part.image, others, depth_ranges[name])
         return [near, sample_surface(part.image, wide.inverse_depth, part.there & (wide.cost < EVIDENT_WIDE))]
 
     if planes is None:

@@ -25,10 +25,6 @@ Terms = dict[str, Array | float]
 """What is known of the depths of a view, by the names of `WEIGHTS`; arrays are float32 height x width."""
 CLOSE = 0.005
 """Relative difference of depth within which a view agrees closely."""
-MAX_STEP, MAX_UNEVEN = 0.1, 0.02
-"""Relative differences of depth from which a step, and a difference from the median, count in full."""
-AGAINST = 0.25
-"""Number of views that are taken to disagree, so that one view is less evidence than several."""
 WEIGHTS = {
     "constant": -12.04,
     "agreeing": 2.21,
@@ -177,9 +173,11 @@ def _votes(
         squares += (moved**2).sum(0)
         np.maximum(worth, np.hypot(*moved), out=worth)
     gain = worth * np.sqrt(squares + (motions**2).sum(0)) / np.maximum(squares, 1e-12)
+    # As if a quarter of a view disagreed: one view is less evidence than several.
+    able_or_more = able + 0.25
     terms: Terms = {
-        "agreeing": agreeing / (able + AGAINST),
-        "close": close / (able + AGAINST),
+        "agreeing": agreeing / able_or_more,
+        "close": close / able_or_more,
         "all_agreeing": float(agreeing[known].sum()) / max(float(able[known].sum()), 1.0),
     }
     return terms, worth, gain
@@ -189,11 +187,12 @@ def _surroundings(surface: Surface, known: Array) -> Terms:
     """Return the terms by the surroundings in the view's own depth map, which is `known` there."""
     level, around = np.maximum(surface.inverse_depth, 1e-12), np.ones((15, 15))
     step = np.log(level / cv2.erode(level, around))
-    uneven = np.minimum(np.abs(level / cv2.medianBlur(level, 5) - 1) / MAX_UNEVEN, 1)
+    # A difference of 2 % from the median counts in full, and a step of 10 %.
+    uneven = np.minimum(np.abs(level / cv2.medianBlur(level, 5) - 1) / 0.02, 1)
     return {
         "constant": 1.0,
         "beside": 1 / (1 + _distance_to_edges(level)),
-        "in_front": np.minimum(step / MAX_STEP, 1),
+        "in_front": np.minimum(step / 0.1, 1),
         "holes": 1 - cv2.blur(known.astype(np.float32), around.shape),
         "uneven": uneven,
         "all_uneven": float(uneven[known].sum()) / max(int(known.sum()), 1),

@@ -22,23 +22,20 @@ MIN_DIFFERENCE = 0.03
 MAX_COST = 0.4
 """Maximum matching cost (0 to 1) of a pixel that moves; windows widen surfaces that match, and where nothing
 matches, edges are chance."""
-SIMILAR_COLOUR, SIMILAR_PX = 10.0, 6.0
-"""Differences in colour (mean of three, of 255) and place at which a neighbour's weight falls to 1/e."""
 NEIGHBOURHOOD_PX = 8
 """Radius of the neighbourhood; every second pixel counts."""
 GAIN_WEIGHT = 0.2
 """Weight of a gain by one grey level, beside the logarithm of the sides' ratio."""
 FAR_PRIOR = 0.5
 """Preference for the farther side: windows widen near surfaces, and seldom far ones."""
-FEW = 0.05
-"""Weight added to both sides, as one without neighbours is not impossible."""
 
 
 def _weights() -> Array:
     """Return neighbours' weights by distance in y and x, then by the sum of their colour differences."""
+    # A weight falls to 1/e within 6 px, and by a difference of 10 grey levels (mean of three colours).
     steps = np.arange(0, NEIGHBOURHOOD_PX + 1, 2)
-    by_place = np.exp(-np.hypot(steps[:, None], steps) / SIMILAR_PX).reshape(-1)
-    return floats(np.concatenate([by_place, np.exp(-np.arange(3 * 255 + 1) / (3 * SIMILAR_COLOUR))]))
+    by_place = np.exp(-np.hypot(steps[:, None], steps) / 6).reshape(-1)
+    return floats(np.concatenate([by_place, np.exp(-np.arange(3 * 255 + 1) / (3 * 10))]))
 
 
 LIKENESS = _weights()
@@ -81,7 +78,9 @@ def sharpen_edges(surface: Surface, source_views: Sequence[SourceView], where: A
     )
     farther, nearby, gained, judged = sums
     # A pixel that itself matches better nearer stays there: few neighbours are as a thin thing is.
-    likely = np.log((farther + FEW) / (nearby + FEW)) + GAIN_WEIGHT * (
+    # Neither is a side without neighbours impossible.
+    few = 0.05
+    likely = np.log((farther + few) / (nearby + few)) + GAIN_WEIGHT * (
         gained / np.maximum(judged, 1e-3) + np.minimum(gain.reshape(-1)[pixels], 0)
     )
     moved = likely > -FAR_PRIOR

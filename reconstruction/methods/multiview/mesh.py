@@ -17,8 +17,6 @@ from reconstruction.common.native_libraries import foreign_calls, load_open3d
 from reconstruction.methods.multiview.fusion import SLACK, FusedCloud, find_denied, project_points
 from reconstruction.methods.multiview.sweep_matcher import ViewDepth
 
-NEIGHBOURS = 16
-"""Number of neighbours by which a point is judged an outlier."""
 MAX_JUMP = 0.006
 """Maximum relative difference of depths in a triangle, unless its corners are in one plane.
 
@@ -29,7 +27,6 @@ MAX_WIDTH_PX = 960
 """Width of the grid of triangles in wider maps."""
 MAX_SHOWN_POINTS = 150_000
 """Maximum number of points of a picture."""
-FRAME_PX = 480, 360
 
 
 def build_mesh(
@@ -201,7 +198,7 @@ def _draw_points(points: Array, colours: Array, eye: Array, middle: Array, up: A
 
     The view is 65 degrees wide, its ground dark.
     """
-    width, height = FRAME_PX
+    width, height = 480, 360
     ahead = (middle - eye) / np.linalg.norm(middle - eye)
     rotation = look_along(ahead, -up).astype(np.float32)
     seen = (points.astype(np.float32) - eye.astype(np.float32)) @ rotation.T
@@ -240,8 +237,10 @@ def _drop_outliers(o3d: Any, fused: FusedCloud) -> Any:
     cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(fused.points))
     cloud.normals = o3d.utility.Vector3dVector(fused.normals)
     cloud.colors = o3d.utility.Vector3dVector(fused.colours / 255)
-    enough = len(fused.points) > NEIGHBOURS
-    return cloud.remove_statistical_outlier(NEIGHBOURS, 2.5)[0] if enough else cloud
+    # A point is judged by sixteen neighbours.
+    neighbours = 16
+    enough = len(fused.points) > neighbours
+    return cloud.remove_statistical_outlier(neighbours, 2.5)[0] if enough else cloud
 
 
 def up_direction(rotations: Sequence[Array]) -> Array:

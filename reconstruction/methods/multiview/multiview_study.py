@@ -47,8 +47,6 @@ MIN_CAMERAS = 3
 """Minimum number of cameras of a cloud that is compared."""
 MAX_CAMERAS = 5
 """More cameras improve the cloud but say no more about timing; each takes as long as the first."""
-AT_A_TIME = 2
-"""Number of conditions whose depth is computed at a time, and of instants that are scored."""
 
 
 def _require_cameras(cameras: Collection[str], left_out: Mapping[str, str]) -> None:
@@ -220,7 +218,9 @@ class MultiviewStudy(Score):
         """
         instants = self._instants(condition)
         late = condition.kept_at(self.reference)
-        with worker_pool(AT_A_TIME) as pool:
+        # Two conditions, and then two instants, are computed at a time.
+        at_a_time = 2
+        with worker_pool(at_a_time) as pool:
             synced, offset = pool.map(self._results, [instants] * 2, (SYNCHRONIZED, late), CONDITIONS)
         if not (
             instants := [moment for moment in instants if moment.instant in synced.keys() & offset.keys()]
@@ -232,7 +232,7 @@ class MultiviewStudy(Score):
             self.shots, self.reference, self.scene.unit, nows, [maps["synced"] for maps in found]
         )
         tally = Tally()
-        with worker_pool(AT_A_TIME) as pool:
+        with worker_pool(at_a_time) as pool:
             scores = pool.map(scorer.measure, nows, [instant.shown for instant in instants], found)
             for one, measured in zip(instants, scores, strict=True):
                 pixels = measured["synced"].shares["mover_coverage"][1]

@@ -27,9 +27,6 @@ from reconstruction.methods.multiview.consistent_pixels import consistent_pixels
 from reconstruction.methods.multiview.edge_sharpening import sharpen_edges
 from reconstruction.methods.multiview.still_scene import WHOLE, StillScene, boxes_around, renewed
 
-BYTES_PER_CELL = 5
-"""Memory of a cell of the matching costs."""
-
 
 def propose_inverse_depth(others: Iterable[tuple[SourceView, Array]], shape: tuple[int, int]) -> Array:
     """Return the inverse depth (`shape`) of the nearest surface that others project here; 0 = none.
@@ -80,9 +77,10 @@ def match_all_views(
     steps = progress or Progress(0, silent=True)
     names = [name for name in images if sources.get(name)]
     paired = [name for name in names if [name] == [o for other in sources[name] for o in sources[other]]]
-    budget = memory_budget()
+    # Of the matching costs.
+    budget, bytes_per_cell = memory_budget(), 5
     # The number of workers must not count: depth would depend on the number of cores.
-    cells = min(PlaneSweep.max_cells, int(0.4 * budget.limit_bytes / BYTES_PER_CELL))
+    cells = min(PlaneSweep.max_cells, int(0.4 * budget.limit_bytes / bytes_per_cell))
     sweep = PlaneSweep(max_cells=cells, first_scale=0.5 if quick else 1.0)
 
     def match(name: str) -> Surface:
@@ -125,7 +123,7 @@ def match_all_views(
             surface = renewed(surface, swept, box, mine)
         return surface
 
-    with budget.reserved(worker_count() * cells * BYTES_PER_CELL), worker_pool() as pool:
+    with budget.reserved(worker_count() * cells * bytes_per_cell), worker_pool() as pool:
         surfaces = dict(zip(names, pool.map(match, names), strict=True))
         laid, still.planes = fit_blank_walls(images, sources, depth_ranges, surfaces, pool, still.planes)
         surfaces = {name: renewed(surfaces[name], laid[name], WHOLE, new[name]) for name in names}

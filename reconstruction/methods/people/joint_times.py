@@ -7,10 +7,10 @@ from typing import NamedTuple
 import numpy as np
 
 from capture_app.common.text import duration
-from reconstruction.common.geometry import Array
+from reconstruction.common.geometry import SIGMAS_95, Array
 from reconstruction.methods.people.joint_positions import SINGULAR, project
 from reconstruction.methods.people.joint_tracks import PixelsAt
-from reconstruction.methods.people.people_run import SIGMAS_95, PeopleFinder
+from reconstruction.methods.people.people_run import PeopleFinder
 
 MAX_TIMES = 300
 """Times by which cameras are judged, from the first on."""

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from capture_app.common.text import count
-from reconstruction.common.geometry import Array, View
+from reconstruction.common.geometry import SIGMAS_95, Array, View
 from reconstruction.methods.people.joint_positions import (
     Positions,
     locate,
@@ -32,7 +32,6 @@ from reconstruction.methods.people.skeletons import Skeleton
 from reconstruction.scene.dataset import Dataset
 from reconstruction.time_offsets.camera_time import ImageTimes
 
-SIGMAS_95 = 1.96
 AROUND = 4
 """Times before and after one whose positions say which cameras to believe."""
 NOISE_ROUNDS = 4

@@ -10,7 +10,7 @@ from capture_app.common.errors import NotApplicableError
 from capture_app.console.terminal import Progress
 from capture_app.session.files.durable import write_atomic
 from capture_app.session.format.manifest import row_exposures
-from reconstruction.common.geometry import Array
+from reconstruction.common.geometry import SIGMAS_95, Array
 from reconstruction.methods.trajectory.moving_point import find_moving_points
 from reconstruction.methods.trajectory.spline_path import OUTLIER, Rays, choose_path
 from reconstruction.scene.calibration.consistency import REFUSED_PX
@@ -24,7 +24,6 @@ MAX_OUTLIERS = 0.4
 """Fraction of outliers from which on the cameras do not see one object."""
 TOGETHER_NS = 1_000_000
 """Frames that are no farther apart are of one moment."""
-SIGMAS_95 = 1.96
 
 
 class PathPoint(msgspec.Struct, frozen=True):

@@ -15,7 +15,7 @@ from msgspec import Struct
 from msgspec.structs import replace as replace_struct
 
 from capture_app.session.format.lens import Lens
-from reconstruction.common.geometry import Array, View
+from reconstruction.common.geometry import SIGMAS_95, Array, View
 
 HUBER_PX = 1.0
 """Residual beyond which a corner counts less and less: it was probably misread."""
@@ -33,8 +33,6 @@ LARGE_PERCENT, LARGE_PX = 1.0, 3.0
 """Errors of the focal length, and of the distortion in the corner, that call for a better recording."""
 CONTRADICTION = 1.5
 """Residual of all cameras' corners together, relative to each alone, above which they contradict."""
-SURE = 1.96
-"""Standard deviations of a 95 % error."""
 
 Sightings = Mapping[tuple[str, int], tuple[Array, Array]]
 """Board corners by camera and moment: places on the board (n, 3; m) and pixels (n, 2)."""
@@ -143,7 +141,7 @@ def _fit(views: Mapping[str, View], seen: Sightings, keep_lenses: frozenset[str]
     final = Adjustment(views, seen, borne, noise_px)
     values = final.solve(start)
     # What a term that is left out would change is unknown by as much.
-    change = np.where(final.free, (all_terms - values) / SURE, 0.0)
+    change = np.where(final.free, (all_terms - values) / SIGMAS_95, 0.0)
     covariance = final.covariance(values) + np.diag(change**2)
     adjusted = final.views_at(values)
     errors = {name: final.errors(name, view, covariance) for name, view in adjusted.items()}
@@ -276,11 +274,11 @@ class Adjustment:
         bend = by_lens[:, 4:] @ own[4:LENS, 4:LENS] @ by_lens[:, 4:].T
         turned, moved = own[LENS : LENS + 3, LENS : LENS + 3], _centre_variance(view, own[LENS:, LENS:])
         return CameraErrors(
-            focal_percent=100 * SURE * float(deviation[:2].max()) / view.focal,
-            centre_px=SURE * float(deviation[2:4].max()),
-            border_px=SURE * float(np.sqrt(np.trace(bend))),
-            turn_deg=SURE * float(np.degrees(np.sqrt(np.linalg.eigvalsh(turned).max().clip(0)))),
-            move_mm=1000 * SURE * float(np.sqrt(np.linalg.eigvalsh(moved).max().clip(0))),
+            focal_percent=100 * SIGMAS_95 * float(deviation[:2].max()) / view.focal,
+            centre_px=SIGMAS_95 * float(deviation[2:4].max()),
+            border_px=SIGMAS_95 * float(np.sqrt(np.trace(bend))),
+            turn_deg=SIGMAS_95 * float(np.degrees(np.sqrt(np.linalg.eigvalsh(turned).max().clip(0)))),
+            move_mm=1000 * SIGMAS_95 * float(np.sqrt(np.linalg.eigvalsh(moved).max().clip(0))),
         )
 
     def _sighting(self, key: tuple[str, int], values: Array) -> tuple[Array, Array, Array, Array]:

@@ -37,8 +37,6 @@ MAX_REPROJECTION_PX = 2.0
 """Maximum reprojection error of a match."""
 MIN_ANGLE_DEG = 0.3
 """Minimum angle between the rays of a match."""
-NEIGHBOURS = 4
-"""Number of nearest cameras with a similar viewing direction that each camera is compared with."""
 MAX_AXIS_ANGLE_DEG = 45.0
 """Maximum angle between viewing axes; beyond it features match by chance only."""
 MIN_PAIR_POINTS = 50
@@ -62,8 +60,6 @@ MIN_BLAME = 0.3
 """Minimum fraction of inconsistent pairs and triples of a moved camera; below it the matches are wrong."""
 MIN_RAY_ANGLE_DEG = 1.0
 """Minimum angle between the rays of a track, or to a mark."""
-FAR_PX = 1000.0
-"""Maximum distance of a projected point, and that of one behind a camera."""
 
 
 Groups = dict[tuple[str, ...], Array]
@@ -320,7 +316,7 @@ def _refused_px(views: Mapping[str, View]) -> float:
 
 def _neighbours(views: Mapping[str, View], features: Mapping[str, Features]) -> list[tuple[str, str]]:
     views = {name: view for name, view in views.items() if name in features}
-    removed = set()
+    chosen = set()
     for name, view in views.items():
         others = sorted(
             (
@@ -330,8 +326,9 @@ def _neighbours(views: Mapping[str, View], features: Mapping[str, Features]) -> 
             ),
             key=lambda other: float(np.linalg.norm(views[other].centre - view.centre)),
         )
-        removed |= {tuple(sorted((name, other))) for other in others[:NEIGHBOURS]}
-    return sorted((a, b) for a, b in removed)
+        # The four nearest cameras with a similar viewing direction.
+        chosen |= {tuple(sorted((name, other))) for other in others[:4]}
+    return sorted((a, b) for a, b in chosen)
 
 
 def consistent_matches(views: tuple[View, View], at_a: Array, at_b: Array) -> Array | None:
@@ -421,11 +418,15 @@ def triangulate(views: Sequence[View], pixels: Array) -> Array:
 
 
 def reprojection_errors(view: View, points: Array, at: Array) -> Array:
-    """Return the distances (n,), px, of projected rig points (n, 3) from pixels (n, 2); at most FAR_PX."""
+    """Return the distances (n,), px, of projected rig points (n, 3) from pixels (n, 2); at most 1000.
+
+    A point behind the view is as far.
+    """
+    far_px = 1000.0
     there = points @ view.rotation.T + view.translation
     front = there[:, 2] > 1e-9
     distance = np.linalg.norm(view.project(np.where(front[:, None], there, (0.0, 0.0, 1.0))) - at, axis=1)
-    return np.asarray(np.where(front, distance, FAR_PX).clip(0, FAR_PX))
+    return np.asarray(np.where(front, distance, far_px).clip(0, far_px))
 
 
 def _blamed(deviations: Mapping[tuple[str, ...], float], limit: float) -> list[tuple[str, ...]]:

@@ -17,15 +17,12 @@ from reconstruction.depth.sweep_kernels import BETTER_OF_TWO, WORST_COST, Agreem
 from reconstruction.methods.multiview.consistent_pixels import SUPPORT_PLACES, SUPPORT_PX
 from reconstruction.methods.multiview.edge_sharpening import (
     FAR_PRIOR,
-    FEW,
     GAIN_WEIGHT,
     MAX_COST,
     MIN_DIFFERENCE,
     MIN_JUMP,
     NEIGHBOURHOOD_PX,
     REACH_PX,
-    SIMILAR_COLOUR,
-    SIMILAR_PX,
     _differences,
 )
 
@@ -285,7 +282,7 @@ def sharpen_by_arrays(surface: Surface, source_views: Sequence[SourceView], wher
     pixels, between = tuple(axis[nearer] for axis in pixels), (near + far[0])[nearer] / 2
     farther, nearby, gained = sides_of(level, gain, source_views[0].reference.coloured, pixels, between)
     gained = gained + np.minimum(gain[pixels], 0)
-    moved = np.log((farther + FEW) / (nearby + FEW)) + GAIN_WEIGHT * gained > -FAR_PRIOR
+    moved = np.log((farther + 0.05) / (nearby + 0.05)) + GAIN_WEIGHT * gained > -FAR_PRIOR
     found = np.stack(surface)
     found[:3, pixels[0][moved], pixels[1][moved]] = far[:, nearer][:, moved]
     return Surface(*found)
@@ -326,7 +323,7 @@ def sides_of(
         there = (rows >= 0) & (rows < level.shape[0]) & (columns >= 0) & (columns < level.shape[1])
         at = rows.clip(0, level.shape[0] - 1), columns.clip(0, level.shape[1] - 1)
         apart = np.abs(colours[at].astype(float) - colours[pixels]).mean(-1)
-        weight = there * np.exp(-apart / SIMILAR_COLOUR - math.hypot(dx, dy) / SIMILAR_PX)
+        weight = there * np.exp(-apart / 10 - math.hypot(dx, dy) / 6)
         far = level[at] < between
         farther += weight * far
         nearer += weight * ~far

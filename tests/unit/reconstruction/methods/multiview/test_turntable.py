@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from reconstruction.common.geometry import Array, View
-from reconstruction.methods.multiview.mesh import FRAME_PX, draw_clouds
+from reconstruction.methods.multiview.mesh import draw_clouds
 
 RADIUS, AWAY = 0.3, 1.3
 GROUND = 32
@@ -46,7 +46,7 @@ def directions_deg(seen: list[Array]) -> Array:
 
 def test_a_ring_is_left_to_see_the_thing_whole_from_all_round(ball: tuple[Array, Array]) -> None:
     seen = frames(ball, *range(0, 360, 30))
-    width, height = FRAME_PX
+    width, height = 480, 360
     # 65 degrees wide; outside the ring the ball is smaller than any of its cameras would see it.
     focal = width / 2 / np.tan(np.radians(65 / 2))
     from_a_camera = focal * np.tan(np.arcsin(RADIUS / AWAY))

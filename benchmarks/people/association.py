@@ -25,8 +25,8 @@ from benchmarks.people.scores import SAME_M
 from benchmarks.report import Columns, Report, new_parser, print_report, print_rows
 from capture_app.common.optional_packages import is_here
 from reconstruction.methods.people.assignment import assign
-from reconstruction.methods.people.joint_positions import locate
-from reconstruction.methods.people.people_run import MIN_JOINTS, projection_of
+from reconstruction.methods.people.joint_positions import locate, projection_of
+from reconstruction.methods.people.people_run import MIN_JOINTS
 
 POSE2SIM = "Pose2Sim.personAssociation"
 RIGS = (3, 4, 5)

@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 
 from benchmarks.people.figure import JOINTS, Floats, Motion, moving, pixels_of, ring
 from reconstruction.common.geometry import View
+from reconstruction.methods.people.joint_positions import Person
 from reconstruction.methods.people.keypoints import FrameJoints
-from reconstruction.methods.people.people_run import CameraFrames, PeopleFinder, Person
+from reconstruction.methods.people.people_run import CameraFrames, PeopleFinder
 from reconstruction.methods.people.skeletons import SKELETONS
 
 SECONDS, FRAMES_PER_S = 4.0, 30

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from benchmarks.people.figure import Floats
 from reconstruction.methods.people.assignment import assign
-from reconstruction.methods.people.people_run import Person
+from reconstruction.methods.people.joint_positions import Person
 
 SAME_M = 0.5
 """Largest median distance of joints, m, at which a located person is a true one."""

@@ -1,13 +1,15 @@
 """Positions of joints from the pixels of several cameras, with the covariance of each."""
 
+import warnings
+from collections.abc import Sequence
 from itertools import combinations
 from typing import NamedTuple
 
 import cv2
 import numpy as np
 
-from reconstruction.common.geometry import Array
-from reconstruction.methods.people.joint_tracks import size_of
+from reconstruction.common.geometry import Array, View
+from reconstruction.methods.people.joint_tracks import PixelsAt, size_of
 
 OUTLIER = 4.0
 """Residual, in standard deviations, from which on a camera is left out of a joint."""
@@ -22,10 +24,27 @@ JACKKNIFE = 3.0
 """Variance by the jackknife, relative to the expected one, from which on it is believed where all cameras
 agree: of three or four cameras it varies itself. On a real film the errors of positions by three and four
 cameras then hold 94 and 95 %, 92 and 94 % without it."""
+NOISE_ROUNDS = 4
+AROUND = 4
+"""Times before and after one whose positions say which cameras to believe."""
 FIRST_NOISE = 0.012
 """Standard deviation of a pixel before residuals show it, relative to the size of the individual."""
 MIN_RESIDUALS = 20
 """Number of positions from which on a joint has a noise of its own."""
+
+
+class Person(NamedTuple):
+    """One individual at all times: positions (times, joints, 3), NaN = unknown, in the calibration's unit.
+
+    `error` is the radius that holds the true position in 95 % of cases, `residual_px` the root mean square
+    distance of the pixels from the position's, weighted as the position is, and `cameras` how many it is
+    from; each (times, joints).
+    """
+
+    positions: Array
+    error: Array
+    residual_px: Array
+    cameras: Array
 
 
 class Positions(NamedTuple):
@@ -175,3 +194,81 @@ def radius_95(covariance: Array) -> Array:
     mean = np.einsum("nii->n", covariance)
     ninth = 2 * np.einsum("nij,nij->n", covariance, covariance) / (9 * mean**2)
     return np.asarray(np.sqrt(mean * (1 - ninth + QUANTILE_95 * np.sqrt(ninth)) ** 3))
+
+
+def projection_of(view: View) -> Array:
+    """Return a view's projection (3, 4) to pixels without distortion."""
+    return np.asarray(view.matrix @ np.column_stack([view.rotation, view.translation]))
+
+
+class JointLocator:
+    """The cameras of a rig as they locate joints, with the errors that joints share."""
+
+    def __init__(
+        self, views: Sequence[View], bias: Array | None, errors_s: Array, scale_error: float = 0.0
+    ) -> None:
+        """`bias` (joints,): see `detector_bias`, None = 0. `errors_s` (cameras,): sd of their times."""
+        self.errors_s, self.scale_error = errors_s, scale_error
+        self.bias = np.zeros(1) if bias is None else bias
+        self.projections = np.array([*map(projection_of, views)]).reshape(-1, 3, 4)
+        self.middle = np.mean([view.centre for view in views], axis=0)
+        self.focal = np.array([view.focal for view in views])
+        # A detector errs by a fraction of a person's size: by more pixels in a camera of more pixels.
+        self.magnification = (self.focal / np.median(self.focal))[:, None, None]
+
+    def locate_people(self, seen: Sequence[PixelsAt]) -> tuple[list[Person], Array]:
+        """Return people by each one's pixels in all cameras, and the noise (joints,) that these show."""
+        noise = self.noise(seen)
+        return [self._in_time(person, noise) for person in seen], noise
+
+    def locate(self, seen: PixelsAt, noise: Array) -> Positions:
+        """Locate all joints at all times by a noise (joints,), px, of a camera of median focal length."""
+        return locate(*self.measured(seen, noise))
+
+    def measured(self, seen: PixelsAt, noise: Array) -> tuple[Array, Array, Array]:
+        """Return projections, pixels and their variances, as `locate` takes them."""
+        confident = seen.confidence > 0
+        detected = seen.noise * (noise * self.magnification / np.where(confident, seen.confidence, 1.0)) ** 2
+        late = seen.speed * self.errors_s[:, None, None]
+        variances = np.where(confident, detected + seen.bend**2 + late**2, np.inf)
+        cameras = len(self.projections)
+        return self.projections, seen.pixels.reshape(cameras, -1, 2), variances.reshape(cameras, -1)
+
+    def noise(self, seen: Sequence[PixelsAt]) -> Array:
+        """Return the standard deviation (joints,) of a pixel of full confidence, as residuals show it, px.
+
+        It is that of a camera of the median focal length; in the others it is in proportion to theirs.
+        """
+        joints = seen[0].confidence.shape[-1]
+        pixels = np.concatenate([person.pixels.reshape(-1, joints, 2) for person in seen])
+        noise = pixel_noise(np.full((1, joints), np.nan), pixels)
+        for _ in range(NOISE_ROUNDS):
+            squared = [squared_noise(self.locate(person, noise), noise) for person in seen]
+            noise = pixel_noise(np.concatenate(squared), pixels)
+        return noise
+
+    def _in_time(self, seen: PixelsAt, noise: Array) -> Person:
+        shape, measured = seen.confidence.shape[1:], self.measured(seen, noise)
+        # Where cameras disagree, those are believed that agree with the times around.
+        first = locate(*measured).points
+        near = _running_median(first.reshape(*shape, 3)).reshape(-1, 3)
+        lost = np.isnan(locate(*measured, near).points)
+        return self.person(locate_with_jackknife(*measured, np.where(lost, first, near)), shape)
+
+    def person(self, located: Positions, shape: tuple[int, ...]) -> Person:
+        """Return the person (times, joints); errors are those of pixels, the detector and the scale."""
+        outward, points = located.points - self.middle, located.points.reshape(*shape, 3)
+        covariance = located.covariance + self.scale_error**2 * outward[:, :, None] * outward[:, None]
+        size = float(np.nanmedian(size_of(points))) if located.cameras.any() else 0.0
+        covariance += (np.broadcast_to(self.bias, shape).ravel() * size)[:, None, None] ** 2 * np.eye(3)
+        parts = radius_95(covariance), located.residual_px, located.cameras
+        return Person(points, *(part.reshape(shape) for part in parts))
+
+
+def _running_median(points: Array) -> Array:
+    """Return the medians (times, joints, 3) of known points over `AROUND` times before and after each."""
+    padded = np.pad(points, ((AROUND, AROUND), (0, 0), (0, 0)), constant_values=np.nan)
+    windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * AROUND + 1, axis=0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)
+        return np.asarray(np.nanmedian(windows, axis=3))

@@ -48,7 +48,7 @@ def late_cameras(finder: PeopleFinder, times_s: Array) -> list[CameraOffset]:
     for _ in range(ROUNDS):
         shown = {name: np.full(len(times_s), -late) for name, late in zip(finder.names, late_s, strict=True)}
         seen = finder.pixels_at(times_s, shown)
-        noise = finder.noise(seen)
+        noise = finder.locator.noise(seen)
         blocks = np.sum([_normal_equations(finder, frames, noise, times_s) for frames in seen], axis=0)
         late_s = late_s + _solution(blocks.sum(axis=0))
         without = np.array([_solution(np.delete(blocks, k, axis=0).sum(axis=0)) for k in range(BLOCKS)])
@@ -80,12 +80,12 @@ def _solution(equations: Array) -> Array:
 def _normal_equations(finder: PeopleFinder, seen: PixelsAt, noise: Array, times_s: Array) -> Array:
     """Return the normal equations (blocks, cameras + 1, cameras + 1) of the offsets, right side last."""
     cameras, times, joints = seen.confidence.shape
-    points = finder.locate(seen, noise).points.reshape(times, joints, 3)
+    points = finder.locator.locate(seen, noise).points.reshape(times, joints, 3)
     speed = np.full(points.shape, np.nan)
     apart_s = times_s[2 * APART :] - times_s[: -2 * APART]
     speed[APART:-APART] = (points[2 * APART :] - points[: -2 * APART]) / apart_s[:, None, None]
     apart, jacobian, ahead = project(
-        finder.projections, seen.pixels.reshape(cameras, -1, 2), points.reshape(-1, 3)
+        finder.locator.projections, seen.pixels.reshape(cameras, -1, 2), points.reshape(-1, 3)
     )
     shape = cameras, times, joints
     along = np.einsum("cnij,nj->cni", jacobian, speed.reshape(-1, 3)).reshape(*shape, 2)

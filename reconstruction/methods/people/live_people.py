@@ -13,14 +13,14 @@ from capture_app.common.errors import NotApplicableError
 from reconstruction.common.geometry import Array, View, resize_view
 from reconstruction.methods.people.detector_bias import detector_bias
 from reconstruction.methods.people.joint_positions import (
+    JointLocator,
     locate_with_jackknife,
     pixel_noise,
-    radius_95,
     squared_noise,
 )
-from reconstruction.methods.people.joint_tracks import size_of
+from reconstruction.methods.people.joint_tracks import PixelsAt
 from reconstruction.methods.people.keypoints import FrameJoints, load_detector
-from reconstruction.methods.people.people_run import MIN_JOINTS, detections_in, projection_of
+from reconstruction.methods.people.people_run import MIN_JOINTS, detections_in
 from reconstruction.methods.people.person_matching import (
     MAX_LOST_S,
     Detections,
@@ -76,16 +76,13 @@ class LivePeople:
             each.search_every_s = SEARCH_EVERY_S
         self._pool = ThreadPoolExecutor(max(1, len(system.usable_cores())))
         bias = detector_bias(self.skeleton)[0]
-        self._bias = np.zeros(len(self.skeleton.joints)) if bias is None else bias
-        self._projections = np.array([projection_of(view) for view in self.views.values()])
-        focal = np.array([view.focal for view in self.views.values()])
-        self._magnification = (focal / np.median(focal))[:, None]
+        self._locator = locator = JointLocator([*self.views.values()], bias, np.zeros(len(views)))
         self._seen: list[dict[int, Detections]] = [{} for _ in views]
-        self._matcher = PersonMatcher(self._projections, focal, self._seen, self.skeleton.joints)
+        self._matcher = PersonMatcher(locator.projections, locator.focal, self._seen, self.skeleton.joints)
         self._numbers = dict[Individual, int]()
         self._last_s, self._steps = -np.inf, 0
         """Time of the last instant, and number of instants since a long pause."""
-        self._squared = deque[Array]([np.full(len(self._bias), np.nan)], maxlen=REMEMBERED)
+        self._squared = deque[Array]([np.full(len(self.skeleton.joints), np.nan)], maxlen=REMEMBERED)
         """Squares (joints,) of a pixel's error, px, of a camera of median focal length, NaN = unknown."""
 
     def find(self, images: Mapping[str, Array], at_s: float) -> list[PersonNow]:
@@ -120,20 +117,16 @@ class LivePeople:
         if person not in self._numbers:
             taken = {*self._numbers.values()}
             self._numbers[person] = next(n for n in range(1, len(taken) + 2) if n not in taken)
-        count = len(self.skeleton.joints)
-        pixels, confidence = np.full((len(self.views), count, 2), np.nan), np.zeros((len(self.views), count))
+        shape = len(self.views), 1, len(self.skeleton.joints)
+        pixels, confidence, none = np.full((*shape, 2), np.nan), np.zeros(shape), np.zeros(shape)
         for (camera, k), places in person.places.items():
             if k == step:
-                pixels[camera], confidence[camera], _ = merged(self._seen[camera][k], places)
+                pixels[camera, 0], confidence[camera, 0], _ = merged(self._seen[camera][k], places)
         person.places.clear()
-        noise = pixel_noise(np.array(self._squared), pixels)
-        sure = confidence > 0
-        variances = (noise * self._magnification / np.where(sure, confidence, 1.0)) ** 2
-        located = locate_with_jackknife(self._projections, pixels, np.where(sure, variances, np.inf))
-        known = located.cameras > 0
+        noise = pixel_noise(np.array(self._squared), pixels[:, 0])
+        seen = PixelsAt(pixels, confidence, none + 1, none, none, none)
+        located = locate_with_jackknife(*self._locator.measured(seen, noise))
         self._squared.extend(squared_noise(located, noise))
-        size = float(np.nan_to_num(size_of(located.points[None])[0]))
-        covariance = located.covariance + ((self._bias * size) ** 2)[:, None, None] * np.eye(3)
-        error = np.where(known, radius_95(covariance), np.nan)
-        positions = np.where(known.mean() >= MIN_JOINTS, located.points, np.nan)
-        return PersonNow(self._numbers[person], positions, error)
+        now = self._locator.person(located, shape[1:])
+        positions = np.where((now.cameras > 0).mean() >= MIN_JOINTS, now.positions[0], np.nan)
+        return PersonNow(self._numbers[person], positions, now.error[0])

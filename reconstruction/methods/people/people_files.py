@@ -9,7 +9,7 @@ from capture_app.common.errors import NotAvailableError
 from capture_app.session.files.durable import write_atomic
 from reconstruction.common.geometry import Array
 from reconstruction.methods.people.joint_formats import load_writers, rate_of
-from reconstruction.methods.people.people_run import Person
+from reconstruction.methods.people.joint_positions import Person
 from reconstruction.methods.people.skeletons import Skeleton
 
 SMOOTHED = "smoothed"

@@ -12,6 +12,7 @@ from reconstruction.common.geometry import Array
 from reconstruction.common.outputs import Made
 from reconstruction.methods.people.detector_bias import detector_bias
 from reconstruction.methods.people.joint_formats import rate_of
+from reconstruction.methods.people.joint_positions import Person
 from reconstruction.methods.people.joint_times import describe_late_cameras
 from reconstruction.methods.people.people_files import (
     COLUMNS,
@@ -23,7 +24,7 @@ from reconstruction.methods.people.people_files import (
 from reconstruction.methods.people.people_options import PeopleOptions
 from reconstruction.methods.people.people_page import write_people_page
 from reconstruction.methods.people.people_pictures import write_films, write_pictures, write_plots
-from reconstruction.methods.people.people_run import PeopleFinder, PeopleInTime, Person, unsure_joints
+from reconstruction.methods.people.people_run import PeopleFinder, PeopleInTime, unsure_joints
 from reconstruction.methods.people.people_scene import (
     UPS,
     describe_axes,
@@ -211,7 +212,7 @@ def _remarks(finder: PeopleFinder) -> tuple[str, ...]:
     remarks = (
         (alone, finder.alone),
         *((note, 1) for note in finder.remarks),
-        (unknown, not finder.bias.any()),
+        (unknown, not finder.locator.bias.any()),
     )
     return tuple(note for note, applies in remarks if applies)
 

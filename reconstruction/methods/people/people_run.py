@@ -1,6 +1,5 @@
 """People of a session in 3D, at its instants or at any other times."""
 
-import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -8,22 +7,15 @@ from typing import NamedTuple
 
 import numpy as np
 
+from capture_app.common.grouping import grouped
 from capture_app.common.text import count
 from reconstruction.common.geometry import SIGMAS_95, Array, View
-from reconstruction.methods.people.joint_positions import (
-    Positions,
-    locate,
-    locate_with_jackknife,
-    pixel_noise,
-    radius_95,
-    squared_noise,
-)
+from reconstruction.methods.people.joint_positions import JointLocator, Person
 from reconstruction.methods.people.joint_tracks import (
     MIN_CONFIDENCE,
     PixelsAt,
     Track,
     interpolate,
-    size_of,
     stack,
 )
 from reconstruction.methods.people.keypoints import CameraJoints, FrameJoints, Keypoints
@@ -32,9 +24,6 @@ from reconstruction.methods.people.skeletons import Skeleton
 from reconstruction.scene.dataset import Dataset
 from reconstruction.time_offsets.camera_time import ImageTimes
 
-AROUND = 4
-"""Times before and after one whose positions say which cameras to believe."""
-NOISE_ROUNDS = 4
 MIN_JOINTS = 0.2
 """Fraction of joints that an individual needs at some time."""
 UNSURE = 0.15
@@ -78,20 +67,6 @@ def camera_frames(
     return found
 
 
-class Person(NamedTuple):
-    """One individual at all times: positions (times, joints, 3), NaN = unknown, in the calibration's unit.
-
-    `error` is the radius that holds the true position in 95 % of cases, `residual_px` the root mean square
-    distance of the pixels from the position's, weighted as the position is, and `cameras` how many it is
-    from; each (times, joints).
-    """
-
-    positions: Array
-    error: Array
-    residual_px: Array
-    cameras: Array
-
-
 def unsure_joints(positions: Array, error: Array) -> Array:
     """Return which joints (..., joints) have a large error for the person's size; gaps have none.
 
@@ -132,15 +107,9 @@ class PeopleFinder:
     ) -> None:
         """Match who is who. `bias` (joints,) is the detector's: see `detector_bias`."""
         self.names, self.frames = tuple(cameras), tuple(cameras.values())
-        self.skeleton, self.period_s, self.scale_error = skeleton, period_s, scale_error
-        self.bias = np.zeros(len(skeleton.joints)) if bias is None else bias
-        views = [one.view for one in self.frames]
-        self.projections = np.array([*map(projection_of, views)]).reshape(-1, 3, 4)
-        self.middle = np.mean([view.centre for view in views], axis=0)
-        # A detector errs by a fraction of a person's size: by more pixels in a camera of more pixels.
-        focal = np.array([view.focal for view in views])[:, None, None]
-        self.magnification = focal / np.median(focal)
-        self.focal = focal[:, 0, 0]
+        self.skeleton, self.period_s = skeleton, period_s
+        errors_s = np.array([one.error_s for one in self.frames])
+        self.locator = JointLocator([one.view for one in self.frames], bias, errors_s, scale_error)
         found = [_detections(one) for one in self.frames]
         self.seen = {
             camera
@@ -148,7 +117,7 @@ class PeopleFinder:
             if any(len(one.pixels) for one in of_frames.values())
         }
         """Cameras, by number, that show anybody."""
-        matcher = PersonMatcher(self.projections, self.focal, found, skeleton.joints)
+        matcher = PersonMatcher(self.locator.projections, self.locator.focal, found, skeleton.joints)
         individuals = matcher.match([one.frame_s for one in self.frames], period_s)
         self.people = [
             self._tracks(one, found) for one in sorted(individuals, key=lambda one: -len(one.confirmed))
@@ -168,8 +137,7 @@ class PeopleFinder:
         nearest frames as they are.
         """
         seen = self.pixels_at(times_s, late_s or {}, nearest=nearest)
-        noise = self.noise(seen)
-        people = [self._person(one, noise) for one in seen]
+        people, noise = self.locator.locate_people(seen)
         moved = np.concatenate([one.moved[np.isfinite(one.pixels[..., 0])] for one in seen])
         apart_s = [np.nanmin(np.abs(one.frame_s[:, None] - times_s), axis=0) for one in self.frames]
         return PeopleInTime(
@@ -205,51 +173,6 @@ class PeopleFinder:
             tracks.append(track)
         return tracks
 
-    def locate(self, seen: PixelsAt, noise: Array, start: Array | None = None) -> Positions:
-        """Locate all joints at all times by a noise (joints,), px, of a camera of median focal length."""
-        return locate(*self._measured(seen, noise), start)
-
-    def _measured(self, seen: PixelsAt, noise: Array) -> tuple[Array, Array, Array]:
-        """Return projections, pixels and their variances, as `locate` takes them."""
-        confident = seen.confidence > 0
-        detected = seen.noise * (noise * self.magnification / np.where(confident, seen.confidence, 1.0)) ** 2
-        late = seen.speed * np.array([one.error_s for one in self.frames])[:, None, None]
-        variances = np.where(confident, detected + seen.bend**2 + late**2, np.inf)
-        cameras = len(self.frames)
-        return self.projections, seen.pixels.reshape(cameras, -1, 2), variances.reshape(cameras, -1)
-
-    def noise(self, seen: Sequence[PixelsAt]) -> Array:
-        """Return the standard deviation (joints,) of a pixel of full confidence, as residuals show it, px.
-
-        It is that of a camera of the median focal length; in the others it is in proportion to theirs.
-        """
-        joints = len(self.skeleton.joints)
-        pixels = np.concatenate([one.pixels.reshape(-1, joints, 2) for one in seen])
-        noise = pixel_noise(np.full((1, joints), np.nan), pixels)
-        for _ in range(NOISE_ROUNDS):
-            squared = [squared_noise(self.locate(one, noise), noise) for one in seen]
-            noise = pixel_noise(np.concatenate(squared), pixels)
-        return noise
-
-    def _person(self, seen: PixelsAt, noise: Array) -> Person:
-        shape = seen.confidence.shape[1:]
-        # Where cameras disagree, those are believed that agree with the times around.
-        first = self.locate(seen, noise).points
-        near = _running_median(first.reshape(*shape, 3)).reshape(-1, 3)
-        lost = np.isnan(self.locate(seen, noise, near).points)
-        found = locate_with_jackknife(*self._measured(seen, noise), np.where(lost, first, near))
-        outward = found.points - self.middle
-        covariance = found.covariance + self.scale_error**2 * outward[:, :, None] * outward[:, None]
-        size = float(np.nanmedian(size_of(found.points.reshape(*shape, 3)))) if found.cameras.any() else 0.0
-        covariance += (np.tile(self.bias, shape[0]) * size)[:, None, None] ** 2 * np.eye(3)
-        parts = radius_95(covariance), found.residual_px, found.cameras
-        return Person(found.points.reshape(*shape, 3), *(part.reshape(shape) for part in parts))
-
-
-def projection_of(view: View) -> Array:
-    """Return a view's projection (3, 4) to pixels without distortion."""
-    return np.asarray(view.matrix @ np.column_stack([view.rotation, view.translation]))
-
 
 def detections_in(view: View, frame: FrameJoints, frame_s: float, row_s: float) -> Detections:
     """Return what is seen in a frame of this time, without what lies outside the image or is unsure."""
@@ -274,23 +197,16 @@ def _cut_names(
     cameras: Sequence[str], found: Sequence[Mapping[int, Detections]], individuals: Sequence[Individual]
 ) -> Iterator[str]:
     """Yield a remark for each name in a camera that is not one individual throughout."""
-    owners = dict[tuple[int, str], list[tuple[int, int]]]()
-    for number, one in enumerate(individuals):
-        for (camera, k), places in one.places.items():
-            for name in [found[camera][k].names[place] for place in places if found[camera][k].names]:
-                owners.setdefault((camera, name), []).append((k, number))
+    owners = grouped(
+        ((camera, found[camera][k].names[place]), (k, number))
+        for number, one in enumerate(individuals)
+        for (camera, k), places in one.places.items()
+        for place in places
+        if found[camera][k].names
+    )
     for (camera, name), owned in sorted(owners.items()):
         changed = [k for (_, before), (k, after) in pairwise(sorted(owned)) if before != after]
         if changed:
             often = f" ({count(len(changed), 'change')})" if len(changed) > 1 else ""
             where = f"in {cameras[camera]}, {name or 'the one without a name'}"
             yield f"{where} is another individual from instant {changed[0]} on{often}: the name was cut there"
-
-
-def _running_median(points: Array) -> Array:
-    """Return the medians (times, joints, 3) of known points over `AROUND` times before and after each."""
-    padded = np.pad(points, ((AROUND, AROUND), (0, 0), (0, 0)), constant_values=np.nan)
-    windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * AROUND + 1, axis=0)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)
-        return np.asarray(np.nanmedian(windows, axis=3))

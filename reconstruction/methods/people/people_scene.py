@@ -10,9 +10,10 @@ from capture_app.common.errors import NotApplicableError
 from reconstruction.common.geometry import Array
 from reconstruction.methods.people.detector_bias import detector_bias
 from reconstruction.methods.people.joint_files import read_keypoints
+from reconstruction.methods.people.joint_positions import Person
 from reconstruction.methods.people.keypoints import Keypoints, detect_people
 from reconstruction.methods.people.people_options import PeopleOptions
-from reconstruction.methods.people.people_run import PeopleFinder, PeopleInTime, Person, camera_frames
+from reconstruction.methods.people.people_run import PeopleFinder, PeopleInTime, camera_frames
 from reconstruction.methods.people.skeletons import Skeleton
 from reconstruction.scene.conditions import SYNCHRONIZED, Condition
 from reconstruction.scene.instant_choice import instants_shown

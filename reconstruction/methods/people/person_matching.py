@@ -286,26 +286,27 @@ class PersonMatcher:
         sizes = np.array([one.size for one in self.active])
         expected = np.array([one.at(now_s) for one in self.active])
         # Where cameras disagree, those are believed that show an individual where it should be.
-        near = self._points(pixels, sizes, expected, expected)
-        points = np.where(np.isfinite(near), near, self._points(pixels, sizes, expected))
+        near, alone = self._points(pixels, sizes, expected, (expected.reshape(-1, 3), None))
+        points = np.where(np.isfinite(near), near, alone)
         number_near, number_known = (np.isfinite(part[..., 0]).sum(axis=1) for part in (near, points))
         limits = [(JUMP + STRIDE * (now_s - one.seen_s)) * one.size for one in self.active]
         jumps = np.array([*map(_apart, points, expected)])
         points[(number_near < MIN_NEAR * number_known) | (jumps > limits)] = np.nan
         return [*points]
 
-    def _points(self, pixels: Array, sizes: Array, near: Array, start: Array | None = None) -> Array:
-        """Locate the joints (n, joints, 3) of individuals by pixels (cameras, n, joints, 2).
+    def _points(
+        self, pixels: Array, sizes: Array, near: Array, starts: Sequence[Array | None] = (None,)
+    ) -> list[Array]:
+        """Locate the joints (n, joints, 3) of individuals by pixels (cameras, n, joints, 2), from each start.
 
-        `near` are joints in about the right depth, `start` those to start from.
+        `near` are joints in about the right depth; `starts`: see `locate`.
         """
         cameras, number, joints = pixels.shape[:3]
         depths = np.stack([np.nanmean(to_pixels(one, near)[1], axis=1) for one in self.projections])
         noise = NOISE * sizes * self.sizes[:, None] / np.maximum(depths, 1e-9)
         variances = np.repeat(noise**2, joints, axis=1)
-        start = start if start is None else start.reshape(-1, 3)
-        located = locate(self.projections, pixels.reshape(cameras, -1, 2), variances, start)
-        return located.points.reshape(number, joints, 3)
+        measured = self.projections, pixels.reshape(cameras, -1, 2), variances
+        return [locate(*measured, start).points.reshape(number, joints, 3) for start in starts]
 
     def _accept(
         self,
@@ -334,20 +335,11 @@ class PersonMatcher:
         individual.size += 0.1 * (max(_extent(individual.joints), individual.size * 0.9) - individual.size)
         individual.seen_s = now_s
         individual.confirmed.append(self.step)
-        self._note(individual, places, frames, seen)
-        return True
-
-    def _note(
-        self,
-        individual: Individual,
-        places: Mapping[int, list[int]],
-        frames: Mapping[int, int],
-        seen: Mapping[int, Detections],
-    ) -> None:
         for camera, owned in places.items():
             individual.places[camera, frames[camera]] = owned
             if seen[camera].names:
                 individual.names[camera] = seen[camera].names[owned[0]]
+        return True
 
     def _residual(self, camera: int, points: Array, size: float, seen: Detections, owned: list[int]) -> float:
         at, depth = to_pixels(self.projections[camera], points)
@@ -462,7 +454,7 @@ class PersonMatcher:
                 for camera, place in places.items():
                     pixels[camera, 0] = merged(seen[camera], [place])[0]
                 rough = self._pair([*places.items()][:2], seen)
-                points = self._points(pixels, np.array([_extent(rough)]), rough[None])[0]
+                points = self._points(pixels, np.array([_extent(rough)]), rough[None])[0][0]
                 if np.isfinite(points[:, 0]).sum() >= min(MIN_SHARED, len(points)):
                     left -= {*places.items()}
                     found.append(

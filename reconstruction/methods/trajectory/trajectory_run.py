@@ -9,7 +9,6 @@ import numpy as np
 from capture_app.common.errors import NotApplicableError
 from capture_app.console.terminal import Progress
 from capture_app.session.files.durable import write_atomic
-from capture_app.session.format.manifest import row_exposures
 from reconstruction.common.geometry import SIGMAS_95, Array
 from reconstruction.methods.trajectory.moving_point import find_moving_points
 from reconstruction.methods.trajectory.spline_path import OUTLIER, Rays, choose_path
@@ -17,12 +16,13 @@ from reconstruction.scene.calibration.consistency import REFUSED_PX
 from reconstruction.scene.pairs import size_above_features
 from reconstruction.scene.provenance import Provenance
 from reconstruction.scene.scene import Scene
+from reconstruction.time_offsets.camera_time import ImageTimes
 
 TABLE = "trajectory.csv"
 MIN_FRAMES = 8
 MAX_OUTLIERS = 0.4
 """Fraction of outliers from which on the cameras do not see one object."""
-TOGETHER_NS = 1_000_000
+TOGETHER_MS = 1.0
 """Frames that are no farther apart are of one moment."""
 
 
@@ -69,38 +69,32 @@ def follow(
     dataset, views, motion = scene.dataset, scene.views, scene.motion
     motion.require_several_images(views)
     chosen = dataset.chosen_instants(instants)
-    frames = [(name, k) for name in views for k in chosen if dataset.has_image(name, k)]
-    knows_rows = all(
-        row_exposures(dataset.session.camera(name), dataset.record(name, k)) is not None for name, k in frames
-    )
-    times_ns, projections, pixels, counted = list[int](), list[Array](), list[Array](), dict[str, int]()
+    times = ImageTimes(dataset, [*views])
+    times_ms, projections, pixels, counted = list[float](), list[Array](), list[Array](), dict[str, int]()
     progress.total = len(views)
     for name, view in views.items():
         progress.step(name)
         projection = view.matrix @ np.column_stack([view.rotation, view.translation])
-        there = [k for camera, k in frames if camera == name]
+        there = [k for k in chosen if dataset.has_image(name, k)]
         images, total = (dataset.grey(name, k) for k in there), len(dataset.instants(name))
         middles = find_moving_points(images, motion.background(name), total)
         for k, point in zip(there, middles, strict=True):
             if point is None:
                 continue
-            record = dataset.record(name, k)
-            exposures = row_exposures(dataset.session.camera(name), record) if knows_rows else None
-            row = round(float(point[1]) * dataset.size_on_disk(name)[1] / view.height)
-            times_ns.append(record.leader_ns if exposures is None else exposures.middle_ns(row))
+            times_ms.append(float(times.of_rows_ms(name, k, point[1:])[0]))
             projections.append(projection)
             pixels.append(view.undistort(point[None])[0])
             counted[name] = counted.get(name, 0) + 1
-    if len(counted) < 2 or len(times_ns) < MIN_FRAMES:
+    if len(counted) < 2 or len(times_ms) < MIN_FRAMES:
         raise NotApplicableError(
-            f"one moving object is seen in {len(times_ns)} frames of {len(counted)} cameras;"
+            f"one moving object is seen in {len(times_ms)} frames of {len(counted)} cameras;"
             f" two cameras and {MIN_FRAMES} frames are needed",
             hint="take a burst in which it crosses still cameras' views, by three times its width or more",
         )
-    order = np.argsort(times_ns, kind="stable")
-    at_ns = np.array(times_ns, np.int64)[order]
-    moments = np.concatenate([[0], np.cumsum(np.diff(at_ns) > TOGETHER_NS)])
-    rays = Rays((at_ns - at_ns[0]) / 1e9, np.array(projections)[order], np.array(pixels)[order])
+    order = np.argsort(times_ms, kind="stable")
+    at_ms = np.array(times_ms)[order]
+    moments = np.concatenate([[0], np.cumsum(np.diff(at_ms) > TOGETHER_MS)])
+    rays = Rays((at_ms - at_ms[0]) / 1e3, np.array(projections)[order], np.array(pixels)[order])
     path, sd_px = choose_path(rays, moments)
     odd = path.residuals_px(rays) > OUTLIER * sd_px
     max_sd_px = REFUSED_PX * max(size_above_features(view.width, view.height) for view in views.values())
@@ -112,8 +106,9 @@ def follow(
         )
     seen_s = np.array([rays.times_s[moments == number].mean() for number in range(int(moments[-1]) + 1)])
     places, bars = path.at(seen_s), SIGMAS_95 * sd_px * path.sd_at(seen_s)
+    first_ns = dataset.instants_ns[0] + round(at_ms[0] * 1e6)
     points = tuple(
-        PathPoint(int(at_ns[0]) + round(s * 1e9), (float(x), float(y), float(z)), float(bar))
+        PathPoint(first_ns + round(s * 1e9), (float(x), float(y), float(z)), float(bar))
         for s, (x, y, z), bar in zip(seen_s, places, bars, strict=True)
     )
     lines = ["time_s,x,y,z,uncertainty"]

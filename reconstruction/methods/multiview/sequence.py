@@ -224,13 +224,13 @@ def model_sequence(
     )
     with SequenceFolder.opened(out, plan) as folder:
         still = StillScene()
-        masks = (out / MASKS).is_dir()
-        missing_masks = not masks and all(len(dataset.instants(camera)) > 1 for camera in dataset.cameras)
+        missing_masks = not (out / MASKS).is_dir() and all(
+            len(dataset.instants(camera)) > 1 for camera in dataset.cameras
+        )
         progress.total = len(dataset.cameras) * missing_masks + len(chosen) + options.rrd
         if missing_masks:
             write_masks(scene.motion, folder.empty_work() / MASKS, progress)
             folder.take_over(MASKS)
-            masks = True
         scene = _calibrated(scene, folder)
         inputs = prepare_images(scene, options.width)
         earlier = {k: done for k in chosen if (done := folder.done(k)) is not None}
@@ -252,11 +252,21 @@ def model_sequence(
             clouds = [made for made in every if made.cloud]
             write_recording(folder.empty_work() / RECORDING, out, dataset, scene.calibration, clouds)
             folder.take_over(RECORDING)
-        result = msgspec.structs.replace(
-            _summary(scene, condition, matcher, every),
+        scores = [made.movers_1cm.f_score for made in every if made.movers_1cm is not None]
+        result = SequenceResult(
+            session=dataset.name,
+            condition=condition.name,
+            matcher=matcher,
+            calibration=scene.source,
+            unit=scene.unit,
+            instants=tuple(every),
+            clouds=sum(bool(made.cloud) for made in every),
+            mover_f_score_1cm=_median(scores),
+            mover_within_2pct=_median([made.mover_within_2pct for made in every]),
+            within_2pct=_median([made.within_2pct for made in every]),
             labels=dataset.other_labels,
             kept=len(earlier),
-            masks=masks,
+            masks=(out / MASKS).is_dir(),
             files=folder.files,
         )
         result = with_provenance(result, began, options.time_shifts_ms)
@@ -320,25 +330,6 @@ def _make(
 def _place(file: Path, target: Path) -> None:
     target.parent.mkdir(parents=True, exist_ok=True)
     write_atomic(target, file.read_bytes())
-
-
-def _summary(
-    scene: Scene, condition: Condition, matcher: str, every: list[SequenceInstant]
-) -> SequenceResult:
-    scores = [made.movers_1cm.f_score for made in every if made.movers_1cm is not None]
-    return SequenceResult(
-        session=scene.dataset.name,
-        condition=condition.name,
-        matcher=matcher,
-        calibration=scene.source,
-        unit=scene.unit,
-        instants=tuple(every),
-        clouds=sum(bool(made.cloud) for made in every),
-        mover_f_score_1cm=_median(scores),
-        mover_within_2pct=_median([made.mover_within_2pct for made in every]),
-        within_2pct=_median([made.within_2pct for made in every]),
-        files=(),
-    )
 
 
 def _median(values: Sequence[float | None]) -> float | None:

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from msgspec import Struct, structs
 
-from capture_app.session.format.manifest import RowExposures, row_exposures
+from capture_app.session.format.manifest import row_exposures
 from reconstruction.common.geometry import Array
 from reconstruction.scene.dataset import Dataset
 from reconstruction.time_offsets.instant_votes import Change
@@ -75,12 +75,14 @@ class ImageTimes:
     def __init__(self, dataset: Dataset, cameras: Sequence[str]) -> None:
         self.dataset = dataset
         self._epoch_ns = dataset.instants_ns[0]
-        self.by_rows = all(
-            self._rows(camera, instant) is not None
+        rows = {
+            (camera, k): row_exposures(dataset.session.camera(camera), dataset.record(camera, k))
             for camera in cameras
-            for instant in dataset.instants(camera)
-        )
+            for k in dataset.instants(camera)
+        }
+        self.by_rows = None not in rows.values()
         """Whether all of these cameras record row exposures."""
+        self._rows = rows if self.by_rows else {}
 
     def at_ms(self, camera: str, instant: int) -> float:
         """Return the single time that the session records for an image, ms."""
@@ -94,13 +96,9 @@ class ImageTimes:
         """Return the times of rows (n,), px from the top; NaN if there is no image (None)."""
         if instant is None:
             return np.full(len(rows), np.nan)
-        known = self._rows(camera, instant) if self.by_rows else None
-        if known is None:
+        if (known := self._rows.get((camera, instant))) is None:
             return np.full(len(rows), self.at_ms(camera, instant))
         start_ms = (known.middle_ns(0) - self._epoch_ns) / 1e6
         # Reduced images have fewer rows than the camera read out.
         row_ms = known.row_time_ns / 1e6 * known.rows / self.dataset.size(camera)[1]
         return np.asarray(start_ms + row_ms * rows)
-
-    def _rows(self, camera: str, instant: int) -> RowExposures | None:
-        return row_exposures(self.dataset.session.camera(camera), self.dataset.record(camera, instant))

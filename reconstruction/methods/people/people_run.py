@@ -14,12 +14,11 @@ from reconstruction.methods.people.joint_positions import JointLocator, Person
 from reconstruction.methods.people.joint_tracks import (
     MIN_CONFIDENCE,
     PixelsAt,
-    Track,
     interpolate,
     stack,
 )
 from reconstruction.methods.people.keypoints import CameraJoints, FrameJoints, Keypoints
-from reconstruction.methods.people.person_matching import Detections, Individual, PersonMatcher, merged
+from reconstruction.methods.people.person_matching import Detections, Individual, PersonMatcher
 from reconstruction.methods.people.skeletons import Skeleton
 from reconstruction.scene.dataset import Dataset
 from reconstruction.time_offsets.camera_time import ImageTimes
@@ -52,19 +51,20 @@ def camera_frames(
     A joint's time is the middle of its row's exposure if all cameras report it, else its frame's. An
     instant is then the middle of the exposures of the images' middle rows.
     """
-    names = [name for name in views if name in keypoints.cameras and dataset.instants(name)]
-    times, found = ImageTimes(dataset, names), dict[str, CameraFrames]()
-    images = [(name, k) for name in names for k in dataset.instants(name)]
+    filmed = {
+        name: there for name in views if name in keypoints.cameras and (there := dataset.instants(name))
+    }
+    times, frames = ImageTimes(dataset, [*filmed]), dict[str, CameraFrames]()
+    images = [(name, k) for name, there in filmed.items() for k in there]
     middle_ms = float(np.median([times.middle_ms(*image) - times.at_ms(*image) for image in images]))
-    for name in names:
-        instants = list(dataset.instants(name))
+    for name, instants in filmed.items():
         rows_ms = np.array([times.of_rows_ms(name, k, np.arange(2)) for k in instants])
         frame_s = np.full(len(dataset.instants_ns), np.nan)
-        frame_s[instants] = (rows_ms[:, 0] - middle_ms) / 1e3
+        frame_s[list(instants)] = (rows_ms[:, 0] - middle_ms) / 1e3
         row_s = float(np.median(np.diff(rows_ms))) / 1e3
         error_s = max(dataset.record(name, k).uncertainty_ns or 0 for k in instants) / 1e9 / SIGMAS_95
-        found[name] = CameraFrames(views[name], frame_s, row_s, error_s, keypoints.cameras[name])
-    return found
+        frames[name] = CameraFrames(views[name], frame_s, row_s, error_s, keypoints.cameras[name])
+    return frames
 
 
 def unsure_joints(positions: Array, error: Array) -> Array:
@@ -108,9 +108,9 @@ class PeopleFinder:
         """Match who is who. `bias` (joints,) is the detector's: see `detector_bias`."""
         self.names, self.frames = tuple(cameras), tuple(cameras.values())
         self.skeleton, self.period_s = skeleton, period_s
+        found = [_detections(one) for one in self.frames]
         errors_s = np.array([one.error_s for one in self.frames])
         self.locator = JointLocator([one.view for one in self.frames], bias, errors_s, scale_error)
-        found = [_detections(one) for one in self.frames]
         self.seen = {
             camera
             for camera, of_frames in enumerate(found)
@@ -118,9 +118,11 @@ class PeopleFinder:
         }
         """Cameras, by number, that show anybody."""
         matcher = PersonMatcher(self.locator.projections, self.locator.focal, found, skeleton.joints)
-        individuals = matcher.match([one.frame_s for one in self.frames], period_s)
+        frame_s = [one.frame_s for one in self.frames]
+        individuals = matcher.match(frame_s, period_s)
         self.people = [
-            self._tracks(one, found) for one in sorted(individuals, key=lambda one: -len(one.confirmed))
+            matcher.tracks(one, [*map(len, frame_s)])
+            for one in sorted(individuals, key=lambda one: -len(one.confirmed))
         ]
         owned = sum(len(places) for one in individuals for places in one.places.values())
         self.alone = sum(len(one.pixels) for frames in found for one in frames.values()) - owned
@@ -160,18 +162,6 @@ class PeopleFinder:
             ])
             for tracks in self.people
         ]  # fmt: skip
-
-    def _tracks(self, individual: Individual, found: Sequence[Mapping[int, Detections]]) -> list[Track]:
-        """Return one track a camera of an individual."""
-        tracks = list[Track]()
-        for number, one in enumerate(self.frames):
-            shape = len(one.frame_s), len(self.skeleton.joints)
-            track = Track(number, np.full(shape, np.nan), np.full((*shape, 2), np.nan), np.zeros(shape))
-            for (camera, k), places in individual.places.items():
-                if camera == number:
-                    track.pixels[k], track.confidence[k], track.times_s[k] = merged(found[camera][k], places)
-            tracks.append(track)
-        return tracks
 
 
 def detections_in(view: View, frame: FrameJoints, frame_s: float, row_s: float) -> Detections:

@@ -18,7 +18,7 @@ import numpy as np
 from reconstruction.common.geometry import Array
 from reconstruction.methods.people.assignment import assign
 from reconstruction.methods.people.joint_positions import locate, to_pixels
-from reconstruction.methods.people.joint_tracks import size_of
+from reconstruction.methods.people.joint_tracks import Track, size_of
 
 GATE = 0.1
 """Largest mean distance of an individual's joints from a detection's, relative to its size in the image."""
@@ -158,6 +158,19 @@ class PersonMatcher:
             if individual.is_somebody(number, known) and len(individual.places) >= min_places:
                 people.append(individual)
         return people
+
+    def tracks(self, individual: Individual, frames: Sequence[int]) -> list[Track]:
+        """Return one track a camera of an individual, by the numbers of the cameras' frames."""
+        tracks = list[Track]()
+        for number, count in enumerate(frames):
+            shape = count, len(self.mirror)
+            track = Track(number, np.full(shape, np.nan), np.full((*shape, 2), np.nan), np.zeros(shape))
+            for (camera, k), places in individual.places.items():
+                if camera == number:
+                    whole = merged(self.detections[camera][k], places)
+                    track.pixels[k], track.confidence[k], track.times_s[k] = whole
+            tracks.append(track)
+        return tracks
 
     def follow(self, frames: Mapping[int, int], times: Mapping[int, float]) -> None:
         """Take the next step in time, by each camera's frame and its time."""

@@ -325,7 +325,7 @@ class Dataset:
         return delays_ns if shared else dict.fromkeys(delays_ns, 0)
 
     def planned_delay_ms(self, first: str, second: str) -> float:
-        """Return by how much the second camera's images were planned to be later than the first's, ms."""
+        """Return the planned delay of the second camera's images beyond the first's, ms."""
         return (self.session.camera(second).delay_ns - self.session.camera(first).delay_ns) / 1e6
 
     @property

@@ -23,7 +23,7 @@ class SceneFeatures:
                 64,
             )
         )
-        """The features of an image, including those of moving objects."""
+        """The features of an image, also on moving objects."""
         self.at_rest = computed_once(self._at_rest, 9)
         """Each camera's features at rest in the image nearest to an instant."""
 

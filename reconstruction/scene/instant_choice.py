@@ -1,4 +1,4 @@
-"""Selection of instants: those that cameras show in a condition, and those with motion to measure."""
+"""Selection of instants: what cameras show in a condition, and where there is motion to measure."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -64,7 +64,7 @@ def relative_offsets_ms(
 def instants_shown(dataset: Dataset, condition: Condition, instant: int) -> dict[str, int]:
     """Return the instant that each camera shows for an instant in a condition.
 
-    Delays that are drawn, and count from those of an `anchor`, are drawn until they fit into the burst.
+    Delays that are drawn, and count from an `anchor`'s, are drawn until they fit into the burst.
 
     Raises:
         BadInputError: there is no such instant, or the burst is too short on one side of it.
@@ -127,7 +127,7 @@ def pair_instants(
 ) -> tuple[list[tuple[int, int]], float | None]:
     """Return the pairs of instants (first camera's, second camera's) that a condition compares.
 
-    Also returns the second camera's delay, ms; None if it is drawn anew for every instant.
+    Also returns the second camera's delay, ms; None if it is drawn for each instant.
 
     Raises:
         ValueError: both cameras have the same delay, or the burst has no images at such an offset.

@@ -166,7 +166,7 @@ class SceneMotion:
         return median_background(images or [self.dataset.grey(camera, there[0])])
 
     def _readable(self, camera: str, instants: Iterable[int]) -> Iterator[Array]:
-        """Yield grey images to compare others with; those that are broken are left out."""
+        """Yield grey images to compare others with; broken ones are left out."""
         for instant in instants:
             with suppress(BadInputError):
                 yield self.dataset.grey(camera, instant)
@@ -222,7 +222,7 @@ def find_shifts(dataset: Dataset, camera: str) -> list[tuple[int, int, float]]:
     there = dataset.instants(camera)
 
     def moved_px(first: int, second: int) -> float:
-        """Return by how much the image moves between two instants; 0 if it stays, or shows too little."""
+        """Return the motion of the image between two instants; 0 if it stays, or shows too little."""
         moved = _cell_motions(*(dataset.grey(camera, there[at]) for at in (first, second)))
         return (
             float(np.median(moved))

@@ -76,7 +76,7 @@ MIN_JITTER_FRAMES = 0.05
 PARTS = 2
 """Number of parts from the middle of the image to its edge, across and down, whose bodies must agree."""
 FINE_PARTS, PART_INSTANTS, PART_MS = 4, 8, 0.3
-"""Number of finer parts, the fewest instants that tell a part's own offset, and its systematic error. The
+"""Number of finer parts, the fewest instants that show a part's own offset, and its systematic error. The
 chi-squared of bodies of one time is at most 1.1 times the one expected, of people 6 ms late before a
 television 4 and 8 times (simulated)."""
 CLEARER_ROWS, MIN_ROWS = 1.25, 0.1
@@ -93,8 +93,8 @@ INDEPENDENT = 1.2
 class Crossings:
     """Crossings (n,) of epipolar lines, one for each pair of matched points.
 
-    `instant` is that of A's image. `offset_ms` is how much later B's images were taken than their recorded
-    times say, relative to A's. `across_px_per_ms` is the point's speed across the line. `counts` is the
+    `instant` is the instant of A's image. `offset_ms` is the delay of B's images beyond their recorded times,
+    relative to A's. `across_px_per_ms` is the point's speed across the line. `counts` is the
     number of points that it counts for. `shared_px` is an error that it shares with the crossings of
     neighbouring instants. `geometry` (n, TERMS) is from `geometry_terms`. `in_second` is the instant of B's
     image whose point's line A's path crosses, or -1 if B's path crosses the line of A's point.
@@ -141,9 +141,9 @@ def find_crossings(
     counts: Array,
     shared_px: Array,
 ) -> Crossings:
-    """Find where B's paths cross the epipolar lines of A's points, and A's paths those of B's.
+    """Find where B's paths cross the epipolar lines of A's points, and A's paths the lines of B's points.
 
-    `instants` are those of A's image and of B's. `counts` and `shared_px` (n,) are as in `Crossings`.
+    `instants` are the instants of A's image and of B's. `counts` and `shared_px` (n,) are as in `Crossings`.
     """
     a, b = paths
     later, earlier = _crossed(views, a, b), _crossed(views[::-1], b, a)
@@ -222,7 +222,7 @@ def median_px(errors_px: Array) -> float:
 
 
 class InstantOffset(Struct, frozen=True):
-    """Delay of the second camera measured from one instant alone; `points` is how many agree."""
+    """Delay of the second camera measured from one instant alone; `points` is the number that agree."""
 
     instant: int
     late_ms: float
@@ -254,13 +254,13 @@ class OffsetFit:
     disagreeing: tuple[int, ...] = ()
     """Instants that have clear offsets of their own, which `change` does not explain."""
     glitches_ms: tuple[Mapping[int, float], Mapping[int, float]] = ({}, {})
-    """Single images of the first and of the second camera that are at another time, and how much later."""
+    """Single images of the first and of the second camera that are at another time, each with its delay."""
     unvoted: tuple[int, ...] = ()
     """Instants that were examined and show no offset of their own."""
     repeats_ms: float = 0.0
     """Period of all that moves in front of one of the cameras; 0 if it does not repeat."""
     rows_ms: float = 0.0
-    """How much later the second camera is at the last row than at the middle one, whose offset this is."""
+    """Delay of the second camera at the last row, beyond its delay at the middle row, `offset_ms`."""
     moved: Mapping[str, str] = field(default_factory=dict)
     """Cameras that were moved during the take, and how, in words; only a part of it is measured."""
     screens: tuple[str, ...] = ()
@@ -281,7 +281,7 @@ class OffsetFit:
         )
 
     def examined_at(self, instants: Iterable[int]) -> "OffsetFit":
-        """Return the fit with those of the instants that show no offset as `unvoted`."""
+        """Return the fit with the instants that show no offset as `unvoted`."""
         return replace(self, unvoted=tuple(sorted({*instants} - self._voted)))
 
     def later(self, by_ms: float) -> "OffsetFit":
@@ -322,7 +322,7 @@ class OffsetFit:
         return replace(self, sd_ms=wider(self.sd_ms, self.offset_ms, offsets_ms), instants=instants)
 
     def odd_ms(self, min_ms: float) -> dict[int, float]:
-        """Return the instants whose own offset certainly differs by `min_ms`, and how much later it is."""
+        """Return the instants whose own offset certainly differs by `min_ms`, each with the difference."""
         common_ms = self.offset_ms or 0.0
         return {
             instant.instant: instant.late_ms - common_ms
@@ -376,7 +376,7 @@ def fit_offset(
 def _fit_offset(
     crossings: Crossings, still: StillErrors, period_ms: float, recorded_px: float, *, steady: bool = False
 ) -> OffsetFit:
-    """Fit as `fit_offset` does, as if all rows had one offset; `rows_ms` is by how much they then differ.
+    """Fit as `fit_offset` does, as if all rows had one offset; `rows_ms` is the difference that this leaves.
 
     `steady`: the offset does not change.
     """
@@ -467,7 +467,7 @@ def _voted_rows_ms(seen: Crossings, period_ms: float) -> float:
 
 
 def _rows_apart(seen: Crossings) -> Array:
-    """Return how far below the mean of its instant each crossing is, in halves of the image.
+    """Return the distance of each crossing below the mean of its instant, in halves of the image.
 
     Rows are compared at one instant: what is small shows each row at another time.
     """
@@ -476,7 +476,7 @@ def _rows_apart(seen: Crossings) -> Array:
 
 
 def _other_bodies_ms(seen: Crossings, offset_ms: float, period_ms: float) -> list[float]:
-    """Return how much later than an offset the clear peaks of parts of the image are that contradict it."""
+    """Return the delays beyond an offset of the clear peaks of parts of the image that contradict it."""
     parts = _votes(replace(seen, instant=np.floor(PARTS * places(seen.geometry)) @ (1, 4 * PARTS)))
     apart_ms = parts.apart_ms(offset_ms, period_ms, GLITCH_FRAMES, GLITCH_VOTES)
     return [ms for ms in apart_ms.values() if abs(ms) < MAX_GLITCH_FRAMES * period_ms]
@@ -485,7 +485,7 @@ def _other_bodies_ms(seen: Crossings, offset_ms: float, period_ms: float) -> lis
 def _glitches_ms(
     seen: Crossings, offset_ms: float, period_ms: float, change: Change
 ) -> tuple[dict[int, float], dict[int, float]]:
-    """Return how much later single images of A and of B are than the offset says, but beside its steps.
+    """Return the delays of single images of A and of B beyond the offset, except beside its steps.
 
     An image's own points vote for its time, on the other camera's paths.
     """
@@ -494,7 +494,7 @@ def _glitches_ms(
     votes = [_votes(seen.only(~of_b)), _votes(replace(in_b, instant=in_b.in_second))]
     first, second = (vote.apart_ms(offset_ms, period_ms, GLITCH_FRAMES, GLITCH_VOTES) for vote in votes)
     limit_ms = MAX_GLITCH_FRAMES * period_ms
-    # A path over a gap tells no time there.
+    # A path over a gap shows no time there.
     beside = {k for step in change.steps for k in range(step.earliest - 1, step.latest + 1)}
     near, late = (
         {k: ms for k, ms in its.items() if abs(ms) < limit_ms and k not in beside} for its in (first, second)
@@ -599,7 +599,7 @@ class _Fit:
         return float(np.sqrt(mean @ np.linalg.inv(self.normal)[1:, 1:] @ mean))
 
     def rows_ms(self, period_ms: float) -> float:
-        """Return how much later the last row is than the middle one by what the fit leaves; 0 if it is not.
+        """Return the delay of the last row beyond the middle one that the fit leaves; 0 without a clear one.
 
         Linear regression on the place that the rest of the model does not explain (Frisch and Waugh 1933).
         """
@@ -613,7 +613,7 @@ class _Fit:
         return rows_ms if is_clear and down.std() > MIN_ROWS else 0.0
 
     def part_off_ms(self) -> list[float]:
-        """Return how much later the part of the image is that differs most, if parts certainly differ.
+        """Return the delay of the part of the image that differs most, if parts certainly differ.
 
         Cochran's test (1954) of the parts' own offsets, each with its scatter over the instants.
         """

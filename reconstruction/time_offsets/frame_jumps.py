@@ -1,4 +1,4 @@
-"""Place of a dropped or repeated frame, by how much each camera's own image changes from one to the next.
+"""Place of a dropped or repeated frame, by the changes of each camera's own image from one to the next.
 
 Where nothing crosses between two cameras, their crossings leave a step's place open. What moves changes both
 cameras' images alike. After a dropped frame, one camera's images change as later ones of the other do.
@@ -16,7 +16,7 @@ from reconstruction.time_offsets.instant_votes import Step
 BESIDE = 4
 """Number of instants before and after a step's range that also count."""
 MIN_CHANGES = 6
-"""Minimum number of changes of one camera that those of the other can explain."""
+"""Minimum number of changes of one camera that the other's changes can explain."""
 BLUR_PX = 1.5
 """Standard deviation of the blur against noise."""
 NOISES = 6.0
@@ -28,7 +28,7 @@ CLEARER = 0.9
 
 
 def image_change(before: Array, image: Array) -> float:
-    """Return how much an image (grey, uint8) differs from the one before: mean grey levels beyond noise."""
+    """Return an image's (grey, uint8) difference from the one before: mean grey levels beyond noise."""
     old, new = (cv2.GaussianBlur(picture.astype(np.float32), (0, 0), BLUR_PX) for picture in (before, image))
     difference = np.abs(new - old)
     return float(np.maximum(difference - NOISES * np.median(difference), 0).mean())

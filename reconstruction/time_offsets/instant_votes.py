@@ -105,7 +105,7 @@ class Change(Struct, frozen=True, omit_defaults=True):
         )
 
     def witnessed(self, instants: Sequence[int]) -> bool:
-        """Return whether instants with an offset of their own lie before, between and after the steps.
+        """Return whether instants with an offset of their own are before, between and after the steps.
 
         Votes of wrong matches may prefer a step where nothing is measured after it.
         """
@@ -146,7 +146,7 @@ class Votes:
     def apart_ms(
         self, offset_ms: float, period_ms: float, min_frames: float, min_votes: float = MIN_VOTES
     ) -> dict[int, float]:
-        """Return the instants with a clear peak this far from an offset, and how much later it is."""
+        """Return the instants with a clear peak this far from an offset, each with its delay beyond it."""
         apart = np.abs(self.offsets_ms - offset_ms) / period_ms
         best, here = self.votes.max(1), np.where(apart < min_frames, self.votes, 0.0).max(1)
         odd = np.flatnonzero((best >= min_votes) & (here * 2 * DISTINCT < best))

@@ -115,7 +115,7 @@ def _roughness_px(mask: Array) -> float:
 def _measured(difference: Array, mask: Array, corner: tuple[int, int]) -> tuple[Array, float, float]:
     """Return the centre of an object (bool), its area and the centre's error.
 
-    Border pixels count by how much they differ.
+    Border pixels count by their difference from the background.
     """
     mostly = float(np.median(difference[mask]))
     near = cv2.dilate(mask.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0

@@ -169,7 +169,7 @@ class PairOffsets:
         rough: RoughOffset | None = None,
         beside_ms: float | None = None,
     ) -> OffsetFit:
-        """Measure how much later than its recorded times the second camera is, relative to the first.
+        """Measure the second camera's delay beyond its recorded times, relative to the first.
 
         Uses at most `limit` instants (None: the default) at which something moves in front of both cameras.
         `rough` is an approximate offset to search around, instead of 0; `beside_ms` is another one, at which
@@ -328,7 +328,7 @@ class PairOffsets:
         return replace(fit, change=structs.replace(fit.change, steps=tuple(steps)))
 
     def _changes(self, camera: str, instants: Iterable[int]) -> dict[int, float]:
-        """Return the `image_change` at those of these instants before which there is an image, too."""
+        """Return the `image_change` at instants that follow another image."""
         images = {}
         for k in instants:
             if self.dataset.has_image(camera, k):

@@ -136,7 +136,7 @@ def find_rough_offset(
         return reason
     votes, best_ms = max(tried)
     # The amount of motion repeats each time that a pendulum comes by: twice in a period. What the images
-    # tell is more accurate.
+    # show is more accurate.
     lags = [repeats_ms, *(repeats_after_ms(camera, period_ms) for camera in (first, second))]
     rivals = [best_ms + n * lag for lag in lags if lag for n in (-2, -1, 1, 2)]
     rivals += [other_ms for other, other_ms in tried if votes < DISTINCT * other]
@@ -156,7 +156,7 @@ def find_rough_offset(
 
 
 def _overlap_ms(first: Activity, second: Activity, late_ms: float) -> float:
-    """Return for how long both cameras have images if the second is so much later."""
+    """Return the time in which both cameras have images if the second has this delay, ms."""
     (a, _), (b, _) = first, second
     return float(min(a[-1], b[-1] + late_ms) - max(a[0], b[0] + late_ms))
 

@@ -53,7 +53,7 @@ def _find_stalling(changes: Array) -> Array:
     # At 30 images a second each sixth shows a screen's picture of 25 again; in real films 7 % stall at most.
     if at_once.sum() < max(2, len(at_once) / 10):
         return np.zeros((high, wide), bool)
-    # What people hide at one time is seen at another; what changes less lies between.
+    # What people hide at one time is seen at another; what changes less is between.
     ever = np.pad((stalls & (beside > MIN_CHANGE))[at_once].any(axis=0).astype(np.uint8), 2)
     whole = cv2.morphologyEx(ever, cv2.MORPH_CLOSE, np.ones((5, 5)))[2:-2, 2:-2]
     return np.asarray(cv2.dilate(whole, np.ones((3, 3))))
@@ -77,7 +77,7 @@ def _find_framed(changes: Array) -> Array:
 
 
 def _within_corner(always: Array, ever: Array) -> Array:
-    """Return how much changes right of and below each pixel; 0 unless nearly all to its left and above rests.
+    """Return the changing part right of and below each pixel; 0 unless nearly all left and above it rests.
 
     It is the least along both edges and in the corner itself, as a disc has none.
     """

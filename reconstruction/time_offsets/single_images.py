@@ -25,13 +25,13 @@ class SingleImages(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """Images of a camera that are not at its offset, or that do not show whether they are."""
 
     glitches_ms: dict[int, float] = {}
-    """Instants whose points agree on another offset, and how much later the camera's image is there."""
+    """Instants whose points agree on another offset, each with the image's delay beyond the camera's."""
     repeated: tuple[int, ...] = ()
     """Instants whose image has the same bytes as the one before; they are left out of the measurement."""
     stalled: tuple[int, ...] = ()
     """Instants whose image shows nothing moved since the one before, though other cameras' images do."""
     odd_ms: dict[int, float] = {}
-    """Instants whose own offset certainly differs though nothing explains it, and how much later it is."""
+    """Instants whose own offset certainly differs though nothing explains it, each with the difference."""
     unvoted: tuple[int, ...] = ()
     """Instants that were examined and show no offset of their own."""
     examined: int = 0
@@ -41,7 +41,7 @@ class SingleImages(Struct, frozen=True, kw_only=True, omit_defaults=True):
     repeats_ms: float = 0.0
     """Period of all that moves: the offset may be a multiple of it more or less; 0 if it does not repeat."""
     rows_ms: float = 0.0
-    """How much later the last row is than the middle one, against those of the other camera."""
+    """Delay of the last row beyond the middle one, against the same rows of the other camera."""
     moved: tuple[str, ...] = ()
     """Which cameras were moved during the take, and how: only a part of it was measured."""
     screens: tuple[str, ...] = ()
@@ -87,7 +87,7 @@ def repeated_images(dataset: Dataset, camera: str) -> tuple[int, ...]:
 def stalled_images(dataset: Dataset, cameras: Collection[str]) -> dict[str, tuple[int, ...]]:
     """Return each camera's instants at which nothing moved since its image before, though it did for another.
 
-    A repeated frame that was compressed anew is one, or an image of the moment of its neighbour. Something
+    A repeated frame that was compressed again is one, or an image of the moment of its neighbour. Something
     moves in the camera's own images before and after. Long takes are searched in parts.
     """
     changes = {name: _changes(dataset, name) for name in cameras}
@@ -104,7 +104,7 @@ def stalled_images(dataset: Dataset, cameras: Collection[str]) -> dict[str, tupl
 
 
 def _changes(dataset: Dataset, camera: str) -> dict[int, float]:
-    """Return how much images differ from the ones before, relative to the median."""
+    """Return the differences of images from the ones before, relative to the median."""
     known = dataset.instants(camera)
     # In six parts of the take, four instants to either side of each middle.
     near = {k for middle in evenly_spaced(known, 6) for k in range(middle - 4, middle + 5)}

@@ -37,8 +37,8 @@ class Person(NamedTuple):
     """One individual at all times: positions (times, joints, 3), NaN = unknown, in the calibration's unit.
 
     `error` is the radius that holds the true position in 95 % of cases, `residual_px` the root mean square
-    distance of the pixels from the position's, weighted as the position is, and `cameras` how many it is
-    from; each (times, joints).
+    distance of the pixels from the position's, weighted as the position is, and `cameras` the number
+    that it is from; each (times, joints).
     """
 
     positions: Array
@@ -256,7 +256,7 @@ class JointLocator:
         return self.person(locate_with_jackknife(*measured, np.where(lost, first, near)), shape)
 
     def person(self, located: Positions, shape: tuple[int, ...]) -> Person:
-        """Return the person (times, joints); errors are those of pixels, the detector and the scale."""
+        """Return the person (times, joints); its errors are by pixels, the detector and the scale."""
         outward, points = located.points - self.middle, located.points.reshape(*shape, 3)
         covariance = located.covariance + self.scale_error**2 * outward[:, :, None] * outward[:, None]
         size = float(np.nanmedian(size_of(points))) if located.cameras.any() else 0.0

@@ -30,7 +30,7 @@ from reconstruction.methods.people.person_matching import (
 )
 
 REMEMBERED = 150
-"""Number of latest positions of a joint whose residuals say how far its pixels are off."""
+"""Number of latest positions of a joint whose residuals show the noise of its pixels."""
 SEARCH_EVERY_S = 1.0
 """Time after which new people are looked for, which costs as much as following one for four instants."""
 CALIBRATION = "the rig is not calibrated for two of these cameras"

@@ -21,7 +21,7 @@ FAR_PX = 1e5
 """Distance of pixels that are not drawn any more."""
 PLOT_SIZE = (640, 150)
 PLOTTED = 8
-"""Most joints of a person in a plot: those that move most."""
+"""Maximum number of joints of a person in a plot; it shows the ones that move most."""
 
 
 def draw_people(image: Array, view: View, found: PeopleInTime, time: int) -> Array:

@@ -81,7 +81,7 @@ class PeopleResult(Provenance, frozen=True, kw_only=True):
     moved_ms: float
     """Median time from the nearest frame to the instant, over which joints were interpolated."""
     moved_px: float
-    """95th percentile of how far joints moved in that time."""
+    """95th percentile of the distances that joints moved in that time."""
     people: tuple[PersonResult, ...]
     bias_source: str = ""
     """On what the detector's bias was measured, which is in the errors; empty: it is in no error."""

@@ -165,7 +165,7 @@ class PeopleFinder:
 
 
 def detections_in(view: View, frame: FrameJoints, frame_s: float, row_s: float) -> Detections:
-    """Return what is seen in a frame of this time, without what lies outside the image or is unsure."""
+    """Return what is seen in a frame of this time, without what is outside the image or unsure."""
     inside = (np.abs((frame.pixels + 0.5) / (view.width, view.height) - 0.5) < 0.5).all(axis=2)
     inside &= frame.confidence >= MIN_CONFIDENCE
     straight = np.full(frame.pixels.shape, np.nan)

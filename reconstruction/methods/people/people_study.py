@@ -43,7 +43,7 @@ class PeopleStudy(Score):
         return super().compare(condition, folder)
 
     def measure_instant(self, result: PeopleInstant, one: ShownInstant, side: str) -> Measurements:
-        """Measure one instant: reprojection, cameras that agree, bones, and how far joints moved."""
+        """Measure one instant: reprojection, cameras that agree, bones, and the motion of joints."""
         if side == CONDITIONS[0]:
             self._synced[result.instant] = result
         synced = self._synced[result.instant]

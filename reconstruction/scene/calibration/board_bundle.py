@@ -1,4 +1,4 @@
-"""Bundle adjustment over boards, with as many lens terms as the corners bear, and the errors of the result.
+"""Bundle adjustment over boards, with the lens terms that the corners determine, and the result's errors.
 
 It is Levenberg-Marquardt on a Huber loss (Triggs et al., Bundle Adjustment - A Modern Synthesis, 2000), with
 OpenCV's derivatives. The errors of OpenCV 5's own `calibrateMultiview` were 3 to 100 times larger on the same
@@ -74,7 +74,7 @@ class Bundle:
     rms_px: float
     """Root mean square of the corners' residuals, each coordinate; misread ones count less."""
     apart_px: float | None = None
-    """That of each camera's corners alone, if the cameras contradict each other; lenses are from these."""
+    """`rms_px` of each camera's corners alone, which give the lenses; None unless cameras contradict."""
 
 
 def adjust_bundle(
@@ -120,7 +120,7 @@ def adjust_bundle(
 
 
 def _fit(views: Mapping[str, View], seen: Sightings, keep_lenses: frozenset[str]) -> Bundle:
-    """Fit views to corners, with the terms of each lens that the corners bear."""
+    """Fit views to corners, with the terms of each lens that the corners determine."""
     fitted = {name: frozenset() if name in keep_lenses else SIMPLE for name in views}
     simple = Adjustment(views, seen, fitted)
     whole = {
@@ -151,7 +151,7 @@ def _fit(views: Mapping[str, View], seen: Sightings, keep_lenses: frozenset[str]
 def _borne_terms(
     is_fisheye: bool, terms: frozenset[int], lens: Array, covariance: Array, needed: float
 ) -> tuple[frozenset[int], Array]:
-    """Return the terms of a lens that its corners bear, and its values without the others.
+    """Return the terms of a lens that its corners determine, and its values without the others.
 
     `needed`: minimum squared size of a term, in its variances.
     """
@@ -240,10 +240,10 @@ class Adjustment:
         return np.array([((weight * error.ravel()) ** 2).sum() for error, _, weight, _ in fits])
 
     def covariance(self, values: Array) -> Array:
-        """Return the covariance of the values; 0 for those that are fixed.
+        """Return the covariance of the values; 0 for fixed ones.
 
-        It is that of independent corners, widened if those of a picture err together: by how much more the
-        focal lengths and poses then vary (White 1980, by pictures).
+        It holds for independent corners. If the corners of a picture err together, it is widened by the ratio
+        in which the focal lengths and poses then vary more (White 1980, by pictures).
         """
         _, normal, _ = self._linearize(values)
         free = np.flatnonzero(self.free)

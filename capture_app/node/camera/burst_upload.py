@@ -170,8 +170,6 @@ class Upload:
     """Whether it has ever been refused for now, perhaps because an image is damaged."""
     requested: frozenset[int] | None = None
     """The instants that the leader requests; None for all."""
-    is_committed: bool = False
-    """Whether the leader has ever named them, so that no further ones are announced over a later stream."""
     end_instant: int | None = None
     """Of a streamed burst: the number of instants that the leader needs."""
     on_commit: Callable[[], None] = lambda: None
@@ -185,7 +183,7 @@ class Upload:
     over: int = 0
     """Number of instants of a streamed burst that are decided."""
     ended: bool = False
-    """Whether the selection of frames has ended."""
+    """Whether the selection of frames has ended: by itself, or as the leader has named those it needs."""
     missing_runs: list[MissingRun] = field(default_factory=list)
     """Its missing instants, as runs."""
     end_is_stored: bool = False
@@ -277,7 +275,7 @@ class Upload:
 
         Frames of a streamed burst that do not fit into memory are missing.
         """
-        if self.ended or (not self.streamed and (self.is_committed or self.state is _S.OVER)):
+        if self.ended or self.state is _S.OVER:
             return
         for gap in picked.gaps:
             self._note_missing(gap.instant, gap.reason, dropped=gap.reason == DROPPED)
@@ -323,7 +321,7 @@ class Upload:
         self.end_instant = end
         self.requested = None if requested is None else frozenset(requested)
         if not self.streamed:
-            self.is_committed |= self.state is _S.SENDING
+            self.ended |= self.state is _S.SENDING
             self.on_commit()
         self.frames = deque(frame for frame in self.frames if self._is_needed(frame.instant))
         return self._let_go([instant for instant in self.images if not self._is_needed(instant)])

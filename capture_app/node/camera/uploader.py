@@ -552,8 +552,8 @@ class Uploader:
     async def _store_ends(self) -> None:
         """Store the final reports of ended bursts in the spool."""
         for burst in [*self._bursts]:
-            if burst.ended and not (burst.frames or burst.end_is_stored):
-                burst.end_is_stored = burst.spooled is not None
+            if burst.streamed and burst.ended and not (burst.frames or burst.end_is_stored):
+                burst.end_is_stored = True
                 await _write_report(burst, burst.current_report())
 
     async def _sync_spool(self) -> None:

@@ -44,6 +44,11 @@ class Log:
             self.add(text, camera=camera or self.name, level=level)
             self.show(text)
 
+    def say_once(self, text: str) -> None:
+        """Add and show a line, unless the log still has it."""
+        if all(line.text != text for line in self._lines):
+            self.say(text)
+
     def _admitted(self, text: str, camera: str | None) -> str:
         """Return the line to log, cut to the maximum length; empty if the node `camera` logs too many."""
         now_s = system.monotonic_s()

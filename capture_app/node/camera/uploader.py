@@ -95,7 +95,6 @@ class Sender:
         """
         self._channel, self._changed, self._log = channel, changed, log
         self._bursts, self.roots = bursts, roots
-        self._said = set[str]()
         self._in_flight: deque[tuple[Upload, ImageBatch]] = deque()
         """Batches that are not acknowledged."""
         self._answer: asyncio.Task[FromLeader] | None = None
@@ -155,7 +154,7 @@ class Sender:
                 burst, refusal = refused
                 if not refusal.retry:
                     return burst, refusal
-                self._say_once(f"images of burst {burst.report.burst} wait: {refusal.as_error()}")
+                self._log.say_once(f"images of burst {burst.report.burst} wait: {refusal.as_error()}")
                 burst.put_off(now() + REFUSED_S[min(burst.attempts, len(REFUSED_S) - 1)])
 
     def _next_unsent(self) -> tuple[Upload, list[ImageUpload]] | None:
@@ -259,11 +258,6 @@ class Sender:
             raise NetworkError("the leader sent an unexpected answer")
         return answer
 
-    def _say_once(self, why: str) -> None:
-        if why not in self._said:
-            self._said.add(why)
-            self._log.say(why)
-
     async def _receive(self) -> FromLeader:
         """Return the leader's next message, other than that it is still saving images."""
         waits = (
@@ -272,7 +266,7 @@ class Sender:
         )
         while True:
             hint = LARGE_ARE_LOST if self._channel.has_spoken else ""
-            saying = asyncio.get_running_loop().call_later(SAY_AFTER_S, self._say_once, waits)
+            saying = asyncio.get_running_loop().call_later(SAY_AFTER_S, self._log.say_once, waits)
             try:
                 answer = await next_message(self._channel, UPLOAD_ANSWER_TIMEOUT_S, hint)
             finally:
@@ -339,8 +333,6 @@ class Uploader:
         self._encoding: asyncio.Task[None] | None = None
         self._stream: Channel[Any] | None = None
         self._roots: Collection[str] = ()
-        self._said = set[str]()
-        """Refusals that were reported."""
 
     @property
     def is_busy(self) -> bool:
@@ -644,10 +636,8 @@ class Uploader:
             burst.take(UploadInput.REFUSED)
             if burst.spooled is not None and burst.spooled.folder.exists():
                 where = f"; its images stay in {burst.spooled.folder}: delete that folder to drop them"
-        why = f"burst {burst.report.burst} given up: {refusal.as_error()}{where}" if refusal else ""
-        if why and why not in self._said:
-            self._said.add(why)
-            self._log.say(why)
+        if refusal is not None:
+            self._log.say_once(f"burst {burst.report.burst} given up: {refusal.as_error()}{where}")
         if not where and burst in self._bursts:
             self._bursts.remove(burst)
 

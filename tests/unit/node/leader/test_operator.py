@@ -15,7 +15,7 @@ from capture_app.common.errors import BadInputError, NetworkError, NotAvailableE
 from capture_app.node.leader import bursts
 from capture_app.node.leader.leader_node import LeaderNode
 from capture_app.protocol import log as log_module
-from capture_app.protocol.log import MAX_LINES_A_NODE, Log
+from capture_app.protocol.log import MAX_LINES_A_NODE, MAX_LOG_LINES, Log
 from capture_app.protocol.orders import (
     AddCamera,
     AddSimulated,
@@ -208,6 +208,18 @@ def test_the_news_keep_the_last_lines_in_the_order_of_their_times(monkeypatch: p
         (10, None, "info"),
     ]
     assert [line.unix_ns for line in log.after(6)] == [9, 10]
+
+
+def test_a_line_that_is_said_once_comes_again_when_the_log_has_forgotten_it() -> None:
+    log = Log((shown := list[str]()).append)
+    for line in ("full", "full", "busy", "full"):
+        log.say_once(line)
+    assert shown == ["full", "busy"]
+    for number in range(MAX_LOG_LINES):
+        log.say(f"{number}")
+    shown.clear()
+    log.say_once("full")
+    assert shown == ["full"]
 
 
 def test_what_happens_in_a_rig_is_a_line_of_json_by_a_name_of_its_own() -> None:

@@ -161,6 +161,7 @@ class CameraNode:
     def _drain(self, now_ns: int) -> None:
         self._camera.notice_sleep()
         self._camera.collect_commands()
+        self._engine.upload_problem = self._uploader.problem
         while (event := self._engine.next_event()) is not None:
             self._handle_event(event)
         for refused in self._refusals.take_events(now_ns):

@@ -333,6 +333,8 @@ class Uploader:
         self._encoding: asyncio.Task[None] | None = None
         self._stream: Channel[Any] | None = None
         self._roots: Collection[str] = ()
+        self.problem = ""
+        """Why no stream reaches the leader, while several attempts in a row have failed; else empty."""
 
     @property
     def is_busy(self) -> bool:
@@ -599,6 +601,7 @@ class Uploader:
                     self._stream, self._roots = channel, sender.roots
                     if isinstance(refusal := await sender.ask(self._opening), Refusal):
                         raise NetworkError(refusal.what, hint=refusal.hint)
+                    self.problem = ""
                     while self._has_work:
                         if self._space_is_due:
                             self._space_is_due = False
@@ -611,9 +614,11 @@ class Uploader:
                                 await sender.ask(await asyncio.to_thread(self.spool.look))
                         else:
                             await self._conclude(*await sender.next_ended())
-                            failures = 0
+                        failures = 0
             except NetworkError as error:
-                if not failures:
+                if failures:
+                    self.problem = f"its images wait: {error}"
+                else:
                     self._log.say(f"images wait: {error}")
                 await asyncio.sleep(self._retry_s[min(failures, len(self._retry_s) - 1)])
                 failures += 1

@@ -207,6 +207,8 @@ def rig_advice(
     cameras = present_cameras(members)
     if not cameras:
         return f"no camera has joined: start one with capture-app node --leader {leader} --camera SPEC"
+    if waiting := [member for member in cameras if member.report.uploads_wait]:
+        return shortfall(waiting[0], why=True) + _and_more(len(waiting))
     bars_ns = [member.report.uncertainty_ns for member in cameras if member.report.uncertainty_ns is not None]
     sure = f", clock error ≤ {duration(max(bars_ns))} (95 %)" if bars_ns else ""
     facts = {member.name: member.camera for member in cameras}

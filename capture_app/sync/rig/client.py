@@ -128,6 +128,8 @@ class Client(TimeClient, Generic[F]):
         self._commands: deque[CameraCommand] = deque()
         self.ring: RingBuffer[F] = RingBuffer(config.ring_ns, config.ring_bytes)
         self.failure = ""
+        self.upload_problem = ""
+        """Why no stream for the images reaches the leader; empty while one does."""
         self.delay_ns = 0
         """Planned time of this camera's frames after the rig's instants, in a staggered rig."""
         self._root: int | None = None
@@ -196,7 +198,7 @@ class Client(TimeClient, Generic[F]):
         grid = self._grid if self.is_member else None
         phase, why_no_centre = self.phase(now_ns), "" if grid is None else grid.why_no_centre
         holdover = "its relay has lost the leader and is in holdover" if self.leader_in_holdover else ""
-        known = self.failure or self.aligner.problem or self.why_joining or holdover
+        known = self.failure or self.aligner.problem or self.why_joining or holdover or self.upload_problem
         state = status_text.of_state(
             self.state,
             self.timekeeper,
@@ -213,6 +215,7 @@ class Client(TimeClient, Generic[F]):
             drops=self.aligner.phase.drops,
             tolerance_ns=self.aligner.window.tolerance_ns,
             stamp_quantum_ns=round(self.aligner.phase.quantum_ns),
+            uploads_wait=bool(self.upload_problem),
         )
         if phase is None or grid is None:
             return report

@@ -216,6 +216,8 @@ class Report(Struct, frozen=True, kw_only=True, array_like=True):
     """Largest phase error that is not corrected: as requested, or what the camera's timestamps allow."""
     stamp_quantum_ns: Count = 0
     """Step of the camera's timestamps; 0 if it is negligible."""
+    uploads_wait: bool = False
+    """Whether no stream for its images reaches the leader; `message` of a ready camera then says why."""
 
     def __post_init__(self) -> None:
         """Raise ValueError for a rate that is not a number, which passes every bound."""

@@ -93,6 +93,27 @@ async def test_each_loss_is_told_and_at_first_soon_over_once_a_burst_has_come_be
     assert (streams, len([line for line in said if line.startswith("images wait")])) == (4, 2)
 
 
+async def test_a_path_that_is_blocked_again_is_told_again_and_is_a_problem_until_it_is_free(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """With no burst to send, too: the leader is to know before a take."""
+    monkeypatch.setattr("capture_app.node.camera.uploader.SPACE_EVERY_S", 0.01)
+    said, is_blocked = list[str](), True
+
+    async def serve(channel: Channel[ToLeader]) -> None:
+        if not is_blocked:
+            async for _ in images(channel):
+                pass
+
+    async with uploading(serve, said, Spool(tmp_path, "a"), retry_s=(0.01,)) as uploader:
+        for times in (1, 2):
+            is_blocked = True
+            await until(lambda: uploader.problem.startswith("its images wait: "))
+            assert [line.startswith("images wait: ") for line in said] == [True] * times
+            is_blocked = False
+            await until(lambda: not uploader.problem)
+
+
 async def test_an_image_of_which_the_leader_confirms_other_bytes_is_kept_and_sent_again() -> None:
     received = list[bytes]()
 

@@ -57,6 +57,16 @@ def test_a_lost_camera_is_news_for_a_minute() -> None:
     )
 
 
+def test_a_ready_camera_whose_images_cannot_be_sent_is_named() -> None:
+    blocked = view("b", message="its images wait: no answer from 10.0.0.1:47011")
+    blocked.report = replace(blocked.report, uploads_wait=True)
+    assert rig_advice([view("a"), blocked, blocked], LEADER, 0) == (
+        "b is ready: its images wait: no answer from 10.0.0.1:47011 (and 1 more node)"
+    )
+    slow = view("a", NodeState.SYNCING, "measuring clock 3/10")
+    assert rig_advice([slow, blocked], LEADER, 0) == "a is syncing: measuring clock 3/10"
+
+
 def test_a_ready_rig_is_told_whose_stamps_nobody_has_measured() -> None:
     webcam = make_facts(kind="v4l2", exposure_ns=4_000_000)
     unsure = dataclasses.replace(view("web"), camera=webcam)

@@ -6,15 +6,17 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from capture_app.cameras.specs import open_camera
 from capture_app.common.address import Address
 from capture_app.common.clock import HostClock
-from capture_app.common.errors import BadInputError
+from capture_app.common.errors import BadInputError, NetworkError
 from capture_app.common.host_clock import host_ns
 from capture_app.common.node_state import NodeState
+from capture_app.node.camera import uploader
 from capture_app.node.camera.camera_node import CameraNode
 from capture_app.node.camera.device_profiles import DeviceProfiles, link_key
 from capture_app.node.camera.supervisor import NodeOptions
@@ -178,3 +180,20 @@ async def test_the_exchanges_that_a_node_shows_are_those_with_the_leader_it_foll
             await ready(second)
             assert earlier
             assert not [sample for sample in camera._samples if sample in earlier]
+
+
+async def test_a_camera_whose_images_cannot_be_sent_is_named_before_a_take(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A firewall lets the datagrams of its clock through."""
+
+    async def blocked(*_: Any, **__: Any) -> None:
+        raise NetworkError("no machine answers")
+
+    async with await start_leader(tmp_path / "sessions") as leader:
+        with monkeypatch.context() as patch:
+            patch.setattr(uploader, "connect", blocked)
+            async with running_camera(tmp_path, leader.own_address):
+                await until(lambda: leader.status().advice.endswith("its images wait: no machine answers"))
+                patch.undo()
+                await until(lambda: leader.status().advice.startswith("1 camera ready"))

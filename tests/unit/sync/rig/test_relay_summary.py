@@ -30,8 +30,8 @@ REPORT = Report(state=NodeState.READY)
 S = 1_000_000_000
 RATE = -999_999.9
 LONGEST = structs.replace(
-    Report(state=NodeState.READY, message="\U0001f4f7" * MAX_TEXT),
-    **{field: RATE if field.endswith("ppm") else 10**18 for field in Report.__struct_fields__[2:]},
+    Report(state=NodeState.READY, message="\U0001f4f7" * MAX_TEXT, uploads_wait=True),
+    **{field: RATE if field.endswith("ppm") else 10**18 for field in Report.__struct_fields__[2:-1]},
 )
 """Takes the most bytes."""
 

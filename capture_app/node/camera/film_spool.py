@@ -218,6 +218,12 @@ class SpooledFilm:
             os.close(self._handle)
         if self._lines is not None:
             self._lines.close()
+        if self._current is not None and not self._current.waiting:
+            # No later frame is released from it, as the leader had all of them before the next one came.
+            self._unsynced.discard(self._current)
+            with suppress(OSError):
+                for path in self._current.files:
+                    path.unlink()
         self._current, self._handle, self._lines = None, -1, None
 
 

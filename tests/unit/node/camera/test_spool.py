@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 from msgspec.structs import replace
 
+from capture_app.common.errors import BadInputError, DiskFullError, TryAgainError
 from capture_app.common.tasks import end
 from capture_app.node.camera import spool
 from capture_app.node.camera.burst_upload import encode_frame
@@ -18,6 +19,7 @@ from capture_app.node.camera.uploader import Uploader
 from capture_app.protocol.log import Log
 from capture_app.protocol.messages import CameraReport
 from capture_app.session.files import durable
+from tests.unit.node.camera.test_film_duty import open_files
 from tests.unit.node.camera.uploading import Picture, burst_upload
 from tests.waiting import until
 
@@ -190,3 +192,114 @@ def test_bursts_of_ended_nodes_are_moved_to_one_that_runs(tmp_path: Path) -> Non
     assert [burst.read_report().burst for burst in again.adopt()] == [1]
     assert [path.name for path in (tmp_path / ".2/a").iterdir()] == ["00000001-000002"]
     again.close()
+
+
+def test_a_burst_whose_rest_is_not_its_nodes_counts_as_deleted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Else a node tries to delete it with each look at its disk, for as long as it runs."""
+    before = open_files()
+    spool, burst = spool_with_an_image(tmp_path)
+    (burst.folder / "notes.txt").write_text("mine")
+
+    def fail(path: Path, missing_ok: bool = False) -> None:
+        raise OSError(errno.EIO, os.strerror(errno.EIO))
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "unlink", fail)
+        assert not burst.remove(), "the film is still there"
+    assert burst.remove()
+    assert [path.name for path in burst.folder.iterdir()] == ["notes.txt"]
+    assert burst.remove()
+    spool.close()
+    assert open_files() == before
+
+
+def test_a_folder_without_images_or_report_is_removed_and_a_foreign_one_stays(tmp_path: Path) -> None:
+    """As a node leaves one that is killed while it makes or removes it."""
+    empty, torn, foreign = (tmp_path / f"a/00000001-00000{n}" for n in (1, 2, 3))
+    for folder in (empty, torn, foreign):
+        folder.mkdir(parents=True)
+    (torn / "report.json.part").write_bytes(b"{")
+    (foreign / "000001.film").write_bytes(b"an image")
+    (tmp_path / "a/00000001-000004").write_bytes(b"a file")
+    spool = Spool(tmp_path, "a")
+    assert spool.open() == []
+    assert {path.name for path in spool.folder.iterdir()} == {foreign.name, "00000001-000004"}
+    spool.close()
+
+
+def test_only_one_node_uses_a_spool_and_each_may_close_it_twice(tmp_path: Path) -> None:
+    first, second = Spool(tmp_path, "a"), Spool(tmp_path, "a")
+    second.close()
+    first.open()
+    with pytest.raises(TryAgainError, match="another node uses the spool"):
+        second.open()
+    first.close()
+    # A file that has the closed one's number is another's.
+    other = os.open(tmp_path, os.O_RDONLY)
+    first.close()
+    os.close(other)
+    second.open()
+    second.close()
+
+
+def test_a_spool_that_is_a_file_is_refused_with_what_to_do(tmp_path: Path) -> None:
+    (tmp_path / "a").write_bytes(b"")
+    with pytest.raises(BadInputError, match="cannot use the spool") as refused:
+        Spool(tmp_path, "a").open()
+    assert refused.value.hint == "choose another with --spool"
+
+
+@pytest.mark.parametrize(
+    "what", ["a link to a spool", "a burst without a report", "a link in the place of one"]
+)
+def test_what_another_spool_has_that_is_not_a_burst_stays_there(tmp_path: Path, what: str) -> None:
+    using, left = Spool(tmp_path, "a"), Spool(tmp_path / ".2", "a")
+    using.open()
+    left.open()
+    bursts = [left.create_burst(replace(UPLOAD.report, burst=number)).folder for number in (1, 2)]
+    left.close()
+    if what == "a link to a spool":
+        left.folder.rename(tmp_path / "elsewhere")
+        left.folder.symlink_to(tmp_path / "elsewhere")
+    elif what == "a burst without a report":
+        (bursts[0] / "report.json").unlink()
+    else:
+        (using.folder / bursts[0].name).symlink_to(tmp_path / "gone")
+    moved = [burst.folder.name for burst in using.adopt()]
+    assert moved == ([] if what == "a link to a spool" else [bursts[1].name])
+    assert {path.name for path in left.folder.iterdir()} == {path.name for path in bursts} - {*moved}
+    using.close()
+
+
+@pytest.mark.parametrize("name", [".2", "2", ".spool", "spool"])
+def test_a_spool_may_be_any_folder(tmp_path: Path, name: str) -> None:
+    """Of SPOOL/.2 the first is SPOOL itself, and the one after it SPOOL/.3."""
+    first = Spool(free_spool(tmp_path / name, "a"), "a")
+    first.open()
+    assert first.folder == (tmp_path if name == ".2" else tmp_path / name) / "a"
+    assert free_spool(tmp_path / name, "a") == first.folder.parent / ".2"
+    first.close()
+
+
+def test_a_full_disk_leaves_no_part_of_a_burst_and_is_reported(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    opened = Spool(tmp_path, "a")
+    opened.open()
+
+    def full(*_: object, **__: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    with monkeypatch.context() as patch:
+        patch.setattr(spool, "write_atomic", full)
+        patch.setattr(spool, "reserve", full)
+        with pytest.raises(DiskFullError):
+            opened.create_burst(UPLOAD.report)
+        space = opened.look()
+    assert [*opened.folder.iterdir()] == []
+    assert (space.camera, space.free_bytes, space.spool) == ("a", 0, str(opened.folder))
+    assert "full" in space.problem
+    assert not opened.look().problem
+    opened.close()

@@ -14,7 +14,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
@@ -175,6 +175,7 @@ HISTORIES = st.lists(st.tuples(st.sampled_from(STEPS), st.integers(0, 5)), max_s
 
 
 @given(HISTORIES)
+@example([*[("append", 2)] * 6, ("release_all", 0), ("sync", 0)])
 @settings(max_examples=60)
 def test_what_the_leader_does_not_have_is_kept_and_nothing_else(history: list[tuple[str, int]]) -> None:
     with TemporaryDirectory() as folder, pytest.MonkeyPatch.context() as patch:

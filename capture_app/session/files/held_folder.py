@@ -26,7 +26,8 @@ class HeldFolder:
     @property
     def path(self) -> Path:
         """The folder's path at present; once it is deleted, the last one."""
-        if not self._is_at(self._path) and self._is_at(moved := system.path_of(self._handle)):
+        is_elsewhere = self._handle >= 0 and not self._is_at(self._path)
+        if is_elsewhere and self._is_at(moved := system.path_of(self._handle)):
             self._path = moved
         return self._path
 
@@ -49,6 +50,8 @@ class HeldFolder:
     def close(self) -> None:
         """Release the lock; from then on the path is no longer followed."""
         os.close(self._handle)
+        # Another folder may get the number of this handle, and of a deleted folder.
+        self._handle = -1
 
     def _is_at(self, path: Path) -> bool:
         with suppress(OSError):

@@ -499,7 +499,7 @@ class ActiveBursts:
             if path not in self.saved:
                 self.saved.append(path)
         if self._bursts.get(number) is session:
-            if session.burst.streamed:
+            if session.burst.streamed and number not in self._cancelled:
                 # If the burst ended for another reason, such as a full disk, nodes still capture.
                 self._stop_cameras(session)
             self._silent = (self._silent - {*session.burst.clients}) | session.silent_cameras()

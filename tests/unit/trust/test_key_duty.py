@@ -165,6 +165,6 @@ def test_keys_are_used_asked_for_and_forgotten_as_leaders_and_nodes_owe_each_oth
 
 def test_no_two_keys_have_one_number(monkeypatch: pytest.MonkeyPatch) -> None:
     drawn = iter((7, 7, 8))
-    monkeypatch.setattr(datagram_keys.secrets, "randbits", lambda _: next(drawn))
+    monkeypatch.setattr("secrets.randbits", lambda _: next(drawn))
     keys = ClientKeys()
     assert [keys.grant(principal)[0] for principal in PRINCIPALS[:2]] == [7, 8]

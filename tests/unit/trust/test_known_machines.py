@@ -1,14 +1,18 @@
 """A machine's identity and the machines that it knows, on the disk."""
 
 import asyncio
+import errno
+import os
 import stat
 import subprocess
 import sys
 from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
 from msgspec.structs import replace
 
+from capture_app.common import system
 from capture_app.common.errors import BadInputError, DiskError
 from capture_app.common.pairing_codes import Role, parse_pin, pin_of
 from capture_app.trust.identity import load_identity
@@ -63,6 +67,43 @@ def test_a_folder_that_cannot_be_written_is_said(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(DiskError, match="cannot store this machine's key"):
         load_identity(tmp_path / "file" / "trust")
+
+
+@pytest.mark.parametrize("is_there", [False, True])
+def test_an_identity_needs_no_links_and_replaces_none(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, is_there: bool
+) -> None:
+    """Android's storage has no links; another process may make the key at the same moment."""
+    faster = load_identity(tmp_path / "faster").file.read_bytes()
+
+    def link(_: Path, path: Path) -> None:
+        if is_there:
+            path.write_bytes(faster)
+        raise OSError(errno.EPERM, os.strerror(errno.EPERM))
+
+    monkeypatch.setattr(os, "link", link)
+    made = load_identity(tmp_path / "own")
+    assert (made.file.read_bytes() == faster) is is_there
+    assert [path.name for path in made.file.parent.iterdir()] == ["identity.pem"]
+    monkeypatch.setattr(os, "link", Mock(side_effect=OSError(errno.ENOSPC, "No space left on device")))
+    with pytest.raises(DiskError, match="No space left on device"):
+        load_identity(tmp_path / "another")
+    assert not [*(tmp_path / "another").iterdir()]
+
+
+def test_an_identity_is_whole_on_the_disk_before_it_has_its_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    synced: list[int] = []
+    monkeypatch.setattr(system, "sync_data", lambda handle: synced.append(os.fstat(handle).st_size))
+    link = os.link
+
+    def put(part: Path, path: Path) -> None:
+        assert synced == [part.stat().st_size]
+        link(part, path)
+
+    monkeypatch.setattr(os, "link", put)
+    assert load_identity(tmp_path).file.stat().st_size == synced[0]
 
 
 def test_a_pin_is_read_as_people_paste_it(tmp_path: Path) -> None:
@@ -126,6 +167,17 @@ def test_a_damaged_file_is_said(tmp_path: Path) -> None:
     (tmp_path / "machines.json").write_text('[{"pin": 1}]')
     with pytest.raises(BadInputError, match="is damaged"):
         KnownMachines(tmp_path).all()
+
+
+def test_a_file_that_cannot_be_read_or_written_is_said(tmp_path: Path) -> None:
+    (tmp_path / "machines.json").mkdir()
+    known = KnownMachines(tmp_path)
+    with pytest.raises(DiskError, match="cannot read"):
+        known.all()
+    (tmp_path / "machines.json").rmdir()
+    (tmp_path / "machines.lock").mkdir()
+    with pytest.raises(DiskError, match="cannot write"):
+        known.add("pin", Role.CAMERA)
 
 
 async def test_changes_of_several_at_once_are_all_kept(tmp_path: Path) -> None:

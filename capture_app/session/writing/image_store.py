@@ -88,7 +88,7 @@ class ImageStore:
         begun: dict[Key, tuple[ImageRecord, bytes, list[Path]]] = {}
         try:
             for image in images:
-                if image.key not in self.records and image.key not in self._unsynced:
+                if not any(image.key in known for known in (self.records, self._unsynced, begun)):
                     begun[image.key] = image.record, image.journal_line(), []
                     begun[image.key][2].extend(self._put(image))
         except (OSError, SimulshotError):
@@ -185,6 +185,7 @@ class ImageStore:
         self._new_folders |= {new.relative_to(inside) for new in make_folders_unsynced(folder, inside)}
 
     def _delete(self, begun: Mapping[Key, tuple[ImageRecord, bytes, list[Path]]]) -> None:
-        for record, _, _ in begun.values():
+        for key, (record, _, _) in begun.items():
+            self.true_times.pop(key, None)
             with suppress(OSError):
                 (self._folder / record.path).unlink()

@@ -53,8 +53,8 @@ def test_what_is_unsure_is_a_gap_where_no_error_can_be_said(tmp_path: Path, reco
     done = reconstruct("people", JUMPER, "--keypoints", labels, "--out", out)
     assert "% of these unsure: gaps in trc, c3d and people.gltf)" in done.out
     assert f",{JOINTS[-1]}," in (out / "people.csv").read_text()
-    rows = (out / "trc" / "person1.trc").read_text().splitlines()[6:]
-    assert [row.split("\t")[-3:] for row in rows] == [["", "", ""]] * INSTANTS
+    places = (out / "trc" / "person1.trc").read_text().splitlines()[6:]
+    assert [line.split("\t")[-3:] for line in places] == [["", "", ""]] * INSTANTS
 
 
 def test_a_film_shows_each_instant_of_each_camera(tmp_path: Path, reconstruct: Reconstruct) -> None:

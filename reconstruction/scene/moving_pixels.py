@@ -84,6 +84,7 @@ def in_light_of(image: Array, other: Array) -> Array:
     changed, left = (float(np.median(np.abs(some - picture))) for picture in (others, others * gains))
     if left >= changed / 2:
         return other
+    # From this grey level on, a pixel may be saturated.
     white = 254
     lit = np.minimum(other * cv2.resize(gains, (1, len(other))), white)
     # Of what was white already, no light shows how bright it is.

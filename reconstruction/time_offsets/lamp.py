@@ -84,6 +84,7 @@ class BlinkEdge:
 
     def place(self, near: float, half_width: float, ramp: Ramp) -> tuple[float, float]:
         """Return the best-fitting time of the ramp within `half_width` of `near`, and its cost."""
+        # An edge is tried at so many times; the parabola below is finer.
         places = near + np.linspace(-1, 1, 61) * half_width
         misses = self.level((self.times_ms[None] - places[:, None]) / ramp[0] + 0.5, ramp) - self.lit[None]
         costs = np.log1p((misses / (3 * self.sd[None])) ** 2).sum(1)

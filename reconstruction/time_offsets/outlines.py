@@ -76,6 +76,7 @@ def find_outlines(image: Array, background: Array, moving: Array) -> Outlines:
     differs = difference > max(12.0, 6 * 1.4826 * float(np.median(difference)))
     count, labels, stats, _ = cv2.connectedComponentsWithStats(differs.astype(np.uint8))
     height, width = image.shape
+    # An object must be within the image with this margin.
     edge_px = 2
     largest = sorted(range(1, count), key=lambda k: -int(stats[k, cv2.CC_STAT_AREA]))
     outlines: list[tuple[Array, float, float]] = []

@@ -78,7 +78,7 @@ def sharpen_edges(surface: Surface, source_views: Sequence[SourceView], where: A
     )
     farther, nearby, gained, judged = sums
     # A pixel that itself matches better nearer stays there: few neighbours are as a thin thing is.
-    # Neither is a side without neighbours impossible.
+    # Added to both sides: one without neighbours is not impossible.
     few = 0.05
     likely = np.log((farther + few) / (nearby + few)) + GAIN_WEIGHT * (
         gained / np.maximum(judged, 1e-3) + np.minimum(gain.reshape(-1)[pixels], 0)

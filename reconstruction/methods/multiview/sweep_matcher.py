@@ -77,7 +77,7 @@ def match_all_views(
     steps = progress or Progress(0, silent=True)
     names = [name for name in images if sources.get(name)]
     paired = [name for name in names if [name] == [o for other in sources[name] for o in sources[other]]]
-    # Of the matching costs.
+    # The memory of a cell of the matching costs.
     budget, bytes_per_cell = memory_budget(), 5
     # The number of workers must not count: depth would depend on the number of cores.
     cells = min(PlaneSweep.max_cells, int(0.4 * budget.limit_bytes / bytes_per_cell))

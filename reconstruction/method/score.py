@@ -254,19 +254,16 @@ class Score:
             NotAvailableError: a package is not installed.
         """
         first, late, tally = self.cameras[0], condition.kept_at(self.cameras[0]), Tally()
-        complete = {
-            moment.instant: moment
-            for moment in complete_instants(self.dataset, condition, first, self.cameras)
-        }
-        nows = choose_moving_instants(self.motion, (first,), list(complete), self.context.max_instants)
-        method = msgspec.structs.replace(self.options, instants=tuple(nows))
+        complete = complete_instants(self.dataset, condition, first, self.cameras)
+        moments = self.moving_moments(complete, (first,), self.context.max_instants)
+        method = msgspec.structs.replace(self.options, instants=tuple(one.instant for one in moments))
         both = (method.run(self.scene, at) for at in (SYNCHRONIZED, late))
-        for now, *results in zip(nows, *both, strict=True):
+        for moment, *results in zip(moments, *both, strict=True):
             measured = {
-                side: self.measure_instant(result, complete[now], side)
+                side: self.measure_instant(result, moment, side)
                 for side, result in zip(CONDITIONS, results, strict=True)
             }
-            tally.add(measured, {"instant": now, **complete[now].delays_ms(self.dataset)})
+            tally.add(measured, {"instant": moment.instant, **moment.delays_ms(self.dataset)})
         return StudyResult(
             name=self.text.name,
             cameras=self.cameras,
@@ -276,6 +273,13 @@ class Score:
             measures=tally.measures,
             per_instant=tally.per_instant,
         )
+
+    def moving_moments(
+        self, moments: Sequence[ShownInstant], cameras: Sequence[str], limit: int
+    ) -> list[ShownInstant]:
+        """Return at most `limit` of these moments with motion; see `choose_moving_instants`."""
+        by_instant = {moment.instant: moment for moment in moments}
+        return [by_instant[k] for k in choose_moving_instants(self.motion, cameras, list(by_instant), limit)]
 
     def measure_instant(self, result: Any, one: ShownInstant, side: str) -> Measurements:
         """Return the measures of what the method yielded for an instant in a condition (`side`)."""

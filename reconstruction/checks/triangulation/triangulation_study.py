@@ -23,7 +23,6 @@ from reconstruction.method.words import read_words
 from reconstruction.scene.conditions import ALL_APART, Condition
 from reconstruction.scene.instant_choice import (
     ShownInstant,
-    choose_moving_instants,
     complete_instants,
     relative_offsets_ms,
 )
@@ -250,8 +249,7 @@ class TriangulationStudy(Score):
         limit = int(np.clip(24 // (2 * len(complete[0].shown) - 1), *INSTANT_LIMITS))
         limit = min(limit, self.context.max_instants)
         first = list(complete[0].shown)[:2]
-        by_instant = {moment.instant: moment for moment in complete if moment.shown.keys() >= set(first)}
-        return [by_instant[k] for k in choose_moving_instants(self.motion, first, list(by_instant), limit)]
+        return self.moving_moments([one for one in complete if one.shown.keys() >= {*first}], first, limit)
 
     def _draw(self, one: ShownInstant, points: Mapping[str, SeenPoints], folder: Path) -> tuple[Picture, ...]:
         """Draw both conditions' points on the first camera's picture, coloured by their distance."""

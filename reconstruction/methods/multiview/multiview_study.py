@@ -36,7 +36,6 @@ from reconstruction.pages.embedding import InstantClouds, view_clouds
 from reconstruction.scene.conditions import SYNCHRONIZED, Condition
 from reconstruction.scene.instant_choice import (
     ShownInstant,
-    choose_moving_instants,
     complete_instants,
     relative_offsets_ms,
 )
@@ -263,12 +262,12 @@ class MultiviewStudy(Score):
         """Return instants with motion at which most cameras have their images in both conditions."""
         reference, problem = self.reference, self.shots.problem
         complete = complete_instants(self.dataset, condition, reference, self.cameras)
-        by_instant = {moment.instant: moment.shown for moment in complete}
-        limit = self.options.max_multiview_instants
-        chosen = choose_moving_instants(self.motion, (reference,), list(by_instant), limit)
+        chosen = self.moving_moments(complete, (reference,), self.options.max_multiview_instants)
         usable = {
-            k: {c: own for c, own in by_instant[k].items() if not (problem(c, k) or problem(c, own))}
-            for k in chosen
+            one.instant: {
+                c: own for c, own in one.shown.items() if not (problem(c, one.instant) or problem(c, own))
+            }
+            for one in chosen
         }
         # A run has the same cameras at all instants.
         groups = Counter(frozenset(shown) for shown in usable.values() if reference in shown)

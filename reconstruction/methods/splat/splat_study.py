@@ -23,7 +23,6 @@ from reconstruction.methods.splat.splat_run import MIN_CAMERAS, middle_camera
 from reconstruction.scene.conditions import SYNCHRONIZED, Condition
 from reconstruction.scene.instant_choice import (
     ShownInstant,
-    choose_moving_instants,
     complete_instants,
     relative_offsets_ms,
 )
@@ -164,11 +163,10 @@ class SplatStudy(Score):
     def _instant(self, condition: Condition) -> ShownInstant:
         """Return the instant with most motion of those that most cameras show in both conditions."""
         moments = complete_instants(self.dataset, condition, self.reference, self.cameras, MIN_CAMERAS)
-        by_instant = {moment.instant: moment for moment in moments}
-        chosen = choose_moving_instants(self.motion, (self.reference,), list(by_instant), len(by_instant))
-        return by_instant[
-            max(chosen, key=lambda k: float(self.motion.detected_moving(self.reference, k).mean()))
-        ]
+        chosen = self.moving_moments(moments, (self.reference,), len(moments))
+        return max(
+            chosen, key=lambda one: float(self.motion.detected_moving(self.reference, one.instant).mean())
+        )
 
     def method(self, one: ShownInstant) -> SplatMethod:
         """Return the method whose results are scored, with the options of its command."""

@@ -5,6 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import msgspec
@@ -58,6 +59,8 @@ class Method(Check, frozen=True, kw_only=True, dict=True):
     takes_images: ClassVar[bool] = False
     """Whether image files and folders may take the place of a session."""
     result_file: ClassVar[str] = "metrics.json"
+    ours: ClassVar[str] = "reconstruction.common.outputs:OURS"
+    """Names of its result's files and folders, which a new result replaces, as module:name."""
     made: ClassVar[str] = "reconstruction.common.outputs:Made"
     """Class of its result in Python, as module:class."""
 
@@ -145,9 +148,9 @@ class Method(Check, frozen=True, kw_only=True, dict=True):
 
     def output_folder(self, out: Path) -> "OutputFolder":
         """Return the folder that replaces an earlier result at `out`, and nothing else."""
-        from reconstruction.common.outputs import comparison_folder
+        from capture_app.session.files.output_folder import OutputFolder, replaces_only
 
-        return comparison_folder(out)
+        return OutputFolder(out, replaces_only(resolve_name(self.ours) | {self.result_file}))
 
     def make(self, sources: "Sequence[Path | Scene]", out: Path, condition: Condition = SYNCHRONIZED) -> Any:
         """Check the options, and write the result of a session, or of images, to `out`; see `write`."""

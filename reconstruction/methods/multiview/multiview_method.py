@@ -34,13 +34,7 @@ class Multiview(MultiviewOptions, frozen=True, kw_only=True):
         "multiview sessions/burst-001 --instants all --out clouds",
     )
     result_file = "multiview.json"
-
-    def output_folder(self, out: Path) -> "OutputFolder":
-        """Return the folder that replaces an earlier result; see `Method.output_folder`."""
-        from capture_app.session.files.output_folder import OutputFolder, replaces_only
-        from reconstruction.methods.multiview.result import OURS
-
-        return OutputFolder(out, replaces_only(OURS))
+    ours = f"{__package__}.result:OURS"
 
     def require(self) -> None:
         """Refuse without the packages or the GPU that the options need; see `Method.require`."""

@@ -1,7 +1,6 @@
 """People in 3D: the method, its options and its words."""
 
 from collections.abc import Iterator
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from capture_app.console.option_rules import Rule
@@ -34,13 +33,7 @@ class PeopleMethod(PeopleOptions, frozen=True, kw_only=True):
     )
     rules = (Rule("--label-start", "--keypoints"), Rule("--detector --model", "!--keypoints"))
     result_file = "people.json"
-
-    def output_folder(self, out: Path) -> "OutputFolder":
-        """Return the folder that replaces earlier people; see `Method.output_folder`."""
-        from capture_app.session.files.output_folder import OutputFolder, replaces_only
-        from reconstruction.methods.people.people_result import own_names
-
-        return OutputFolder(out, replaces_only(own_names() | {self.result_file}))
+    ours = f"{__package__}.people_result:OURS"
 
     def require(self) -> None:
         """Refuse to begin without the package that films need; see `Method.require`."""

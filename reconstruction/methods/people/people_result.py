@@ -37,11 +37,8 @@ from reconstruction.scene.provenance import Provenance
 from reconstruction.scene.scene import Scene
 
 TABLE, PAGE, PICTURES, FILMS, PLOTS = "people.csv", "people.html", "pictures", "films", "plots"
-
-
-def own_names() -> set[str]:
-    """Return the names of the result's files and folders."""
-    return {TABLE, SMOOTHED, PICTURES, FILMS, PLOTS, PAGE} | file_names()
+OURS = {TABLE, SMOOTHED, PICTURES, FILMS, PLOTS, PAGE} | file_names()
+"""Names of the result's files and folders, also of installed formats."""
 
 
 class PersonResult(msgspec.Struct, frozen=True, kw_only=True):

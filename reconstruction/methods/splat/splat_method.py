@@ -1,7 +1,6 @@
 """Gaussian splats of a moment: the method, its options and its words."""
 
 from collections.abc import Iterator
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from capture_app.session.format.camera_labels import require_camera
@@ -34,13 +33,7 @@ class SplatMethod(SplatOptions, frozen=True, kw_only=True):
         "splat sessions/burst-001 --instants all --page --out splats",
     )
     result_file = "splat.json"
-
-    def output_folder(self, out: Path) -> "OutputFolder":
-        """Return the folder that replaces earlier splats; see `Method.output_folder`."""
-        from capture_app.session.files.output_folder import OutputFolder, replaces_only
-        from reconstruction.methods.splat.splat_run import OURS
-
-        return OutputFolder(out, replaces_only(OURS | {self.result_file}))
+    ours = f"{__package__}.splat_run:OURS"
 
     def save(self, scene: "Scene", condition: Condition, output: "OutputFolder") -> "SplatResult":
         """Compute depth, and optimize the splats; see `Method.save`."""

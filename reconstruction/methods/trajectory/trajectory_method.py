@@ -1,6 +1,5 @@
 """The path of a moving object: the method, its options and its words."""
 
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from reconstruction.common.options import command_flag
@@ -24,6 +23,7 @@ class TrajectoryMethod(Method, frozen=True, kw_only=True):
     )
     examples = ("trajectory sessions/burst-001 --out path",)
     result_file = "trajectory.json"
+    ours = f"{__package__}.trajectory_run:OURS"
 
     # No option: a path has many instants.
     instant: int = 0
@@ -32,13 +32,6 @@ class TrajectoryMethod(Method, frozen=True, kw_only=True):
         command_flag("--instants", metavar="all|K-L,M,...", help="Instants in which the object is followed."),
     ] = None
     """None or empty = all."""
-
-    def output_folder(self, out: Path) -> "OutputFolder":
-        """Return the folder that replaces an earlier path; see `Method.output_folder`."""
-        from capture_app.session.files.output_folder import OutputFolder, replaces_only
-        from reconstruction.methods.trajectory.trajectory_run import TABLE
-
-        return OutputFolder(out, replaces_only({TABLE, self.result_file}))
 
     def save(self, scene: "Scene", condition: Condition, output: "OutputFolder") -> "TrajectoryResult":
         """Find the object in all frames, and fit its path; see `Method.save`."""

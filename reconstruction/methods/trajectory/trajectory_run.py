@@ -19,6 +19,7 @@ from reconstruction.scene.scene import Scene
 from reconstruction.time_offsets.camera_time import ImageTimes
 
 TABLE = "trajectory.csv"
+OURS = {TABLE}
 MIN_FRAMES = 8
 MAX_OUTLIERS = 0.4
 """Fraction of outliers from which on the cameras do not see one object."""

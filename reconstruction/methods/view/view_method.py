@@ -39,13 +39,7 @@ class ViewMethod(ViewOptions, frozen=True, kw_only=True):
     )
     rules = (Rule("--frames", "--path=swing|orbit"),)
     result_file = "view.json"
-
-    def output_folder(self, out: Path) -> "OutputFolder":
-        """Return the folder that replaces earlier views; see `Method.output_folder`."""
-        from capture_app.session.files.output_folder import OutputFolder, replaces_only
-        from reconstruction.methods.view.view_run import OURS
-
-        return OutputFolder(out, replaces_only(OURS | {self.result_file}))
+    ours = f"{__package__}.view_run:OURS"
 
     def write(self, sources: "Sequence[Path | Scene]", out: Path, condition: Condition) -> Any:
         """Write a folder of pictures, or a film if `out` is named like one; see `Method.write`."""

@@ -165,6 +165,8 @@ class ResumedBursts:
     def _find(self, key: Key) -> Path | None:
         if (known := self._folders.get(key)) is not None and (known / PLAN).is_file():
             return known
+        # A folder that is no longer there is no burst's.
+        self._folders.clear()
         for plan in sorted(self._root.glob(f"*/{PLAN}")):
             with suppress(BadInputError):
                 self._folders[read_plan(plan.parent).key] = plan.parent

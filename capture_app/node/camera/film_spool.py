@@ -205,7 +205,8 @@ class SpooledFilm:
         if self._current is None or self._lines is None or self._current.length >= SEGMENT_BYTES:
             self._close()
             if not self._number:
-                left = (path.stem for path in self._folder.glob(f"*{FILM}"))
+                # A power cut may have left an index without its film.
+                left = (path.stem for kind in (FILM, INDEX) for path in self._folder.glob(f"*{kind}"))
                 self._number = max((int(stem) for stem in left if stem.isdecimal()), default=0)
             self._number += 1
             segment = Segment(self._folder / f"{self._number:06d}{FILM}")

@@ -15,13 +15,13 @@ from tempfile import TemporaryDirectory
 
 import pytest
 from hypothesis import example, given, settings
-from hypothesis import strategies as st
 from msgspec.structs import replace
 
 from capture_app.common.errors import DiskFullError
 from capture_app.node.camera import film_spool
 from capture_app.node.camera.film_spool import SpooledFilm
 from capture_app.protocol.messages import ImageUpload
+from tests.histories import histories
 from tests.unit.node.bursts import upload
 
 MAX_BYTES = 40
@@ -169,12 +169,11 @@ class Duty:
                 yield path, instants
 
 
-USUAL = ("append", "append", "append", "release", "release_all", "sync", "restart")
-STEPS = (*USUAL, *USUAL, "release_again", "fill", "close", "lose")
-HISTORIES = st.lists(st.tuples(st.sampled_from(STEPS), st.integers(0, 5)), max_size=16)
+USUAL = ("append", "append", "append", "release", "sync")
+OTHERS = ("release_all", "release_again", "fill", "close", "lose", "restart")
 
 
-@given(HISTORIES)
+@given(histories(USUAL, OTHERS, max_steps=20, max_others=3))
 @example([*[("append", 2)] * 6, ("release_all", 0), ("sync", 0)])
 @settings(max_examples=60)
 def test_what_the_leader_does_not_have_is_kept_and_nothing_else(history: list[tuple[str, int]]) -> None:

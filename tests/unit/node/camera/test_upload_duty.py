@@ -17,6 +17,7 @@ from hypothesis import strategies as st
 from capture_app.node.camera import burst_upload as rules
 from capture_app.node.camera.burst_upload import UploadInput, UploadState, encode_frame
 from capture_app.protocol.messages import ImageUpload
+from tests.histories import histories
 from tests.unit.node.camera.uploading import Picture, burst_upload, further
 
 FRAMES = [*burst_upload(*(Picture(b"picture %02d" % n) for n in range(12))).frames]
@@ -245,9 +246,8 @@ class Duty:
 
 
 USUAL = ("select", "select", "encode", "encode", "ask", "told", "send", "send", "answer")
-STEPS = (*USUAL, *USUAL, "select_late", "end", "damage", "break_off", "fill", "save_other")
-"""What happens is drawn from these; what makes a burst go on is there more often."""
-HISTORIES = st.lists(st.tuples(st.sampled_from(STEPS), st.integers(0, 5)), max_size=60)
+"""What makes a burst go on."""
+OTHERS = ("select_late", "end", "damage", "break_off", "fill", "save_other")
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -259,7 +259,7 @@ def small_batches() -> Any:
 
 
 @pytest.mark.parametrize("streamed", [False, True])
-@given(HISTORIES, st.none() | st.frozensets(st.integers(0, 11)))
+@given(histories(USUAL, OTHERS, max_steps=60, max_others=4), st.none() | st.frozensets(st.integers(0, 11)))
 @example([("ask", 0), ("told", 0), ("break_off", 0), ("select", 1)], None)
 def test_nothing_is_lost_sent_twice_or_taken_back(
     streamed: bool, history: list[tuple[str, int]], requested: frozenset[int] | None

@@ -9,7 +9,7 @@ from msgspec.structs import replace
 
 from capture_app.common.errors import BadInputError
 from capture_app.node.leader import bursts as leader_bursts
-from capture_app.node.leader.bursts import ActiveBursts, order_of
+from capture_app.node.leader.bursts import ActiveBursts, create_numbered, order_of
 from capture_app.protocol.messages import BurstRequest, SpoolSpace
 from capture_app.session.format.manifest import EVENTS
 from capture_app.session.format.marks import RIG_MARKS, Mark
@@ -75,6 +75,31 @@ def test_an_interval_that_is_no_number_of_frames_is_refused_with_those_that_are(
     ) as refused:
         order_of(BurstRequest(frames=2, interval_s=interval_s), 0, PERIOD_NS)
     assert refused.value.hint == "use one of: 50, 25, 16.67, 12.5, 10 ..."
+
+
+def test_a_session_gets_the_number_after_the_highest_of_its_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    others = ("burst-007", "burst-1000000", "burst-x99", "burst-", "jump-012", "a-burst-020")
+    for name in others:
+        (tmp_path / name).mkdir()
+
+    def created(**options: Any) -> tuple[str, int]:
+        writer, number = create_numbered(tmp_path, **options)
+        writer.abort()
+        return writer.name, number
+
+    assert created() == ("burst-008", 8)
+    assert created(prefix="jump", after=11) == ("jump-013", 13)
+    assert created(after=20) == ("burst-021", 21)
+    assert created(after=999_998) == ("burst-999999", 999_999)
+    with monkeypatch.context() as patch:
+        # Another program makes folders meanwhile.
+        patch.setattr(Path, "glob", lambda *_, **__: iter(()))
+        assert created(after=6) == ("burst-009", 9)
+    (tmp_path / "a file").write_bytes(b"")
+    with pytest.raises(BadInputError):
+        create_numbered(tmp_path / "a file")
 
 
 async def test_a_mark_is_stored_in_the_takes_it_falls_into_or_with_the_rig(tmp_path: Path) -> None:

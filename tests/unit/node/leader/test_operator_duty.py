@@ -12,7 +12,6 @@ from tempfile import TemporaryDirectory
 
 import pytest
 from hypothesis import given, settings
-from hypothesis import strategies as st
 from msgspec.structs import replace
 
 from capture_app.common.errors import BadInputError, IncompleteError, UnwantedImageError
@@ -23,6 +22,7 @@ from capture_app.session.format.burst_plan import MissingRun
 from capture_app.sync.rig.burst_orders import BurstOrder
 from capture_app.sync.rig.leader_engine import Leader
 from capture_app.sync.wire.datagrams import TimeRequest
+from tests.histories import histories
 from tests.unit.node.bursts import IMAGE, LEADER, pieces, receive_image, report, upload
 from tests.unit.node.leader.test_active_bursts import NOW_NS, StillClock, bursts_of, engine_of, triggers_sent
 from tests.virtual.in_process import virtual_loop
@@ -142,7 +142,8 @@ class Operator:
             session = await self.bursts.find_session(told, "")
             assert session is take.session
             await take.session.accept_report(told, self.now_ns)
-            for instant in told.plan.instants:
+        for name in NAMES:
+            for instant in (0,) if take.streamed else (0, 1):
                 image = replace(upload(name, instant), burst=number)
                 await receive_image(take.session, image, pieces(IMAGE), self.now_ns)
         await asyncio.wait_for(take.session.finished.wait(), 60)
@@ -168,9 +169,7 @@ class Operator:
                     await self.bursts.find_session(replace(report("a", 0), burst=number), "")
 
 
-USUAL = ("order", "order", "wait", "deliver")
-STEPS = (*USUAL, *USUAL, "cancel", "end", "end")
-HISTORIES = st.lists(st.tuples(st.sampled_from(STEPS), st.integers(0, 5)), max_size=14)
+STEPS = ("order", "order", "wait", "deliver", "cancel", "end")
 
 
 async def happen(root: Path, history: list[tuple[str, int]]) -> None:
@@ -194,7 +193,7 @@ def loop() -> Iterator[asyncio.AbstractEventLoop]:
     loop.close()
 
 
-@given(HISTORIES)
+@given(histories(STEPS, max_steps=16))
 @settings(max_examples=40)
 def test_each_take_is_numbered_listed_and_ended_by_itself(
     loop: asyncio.AbstractEventLoop, history: list[tuple[str, int]]

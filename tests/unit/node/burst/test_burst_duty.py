@@ -8,20 +8,11 @@ import asyncio
 from collections.abc import Iterator
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, settings
 
+from tests.histories import histories
 from tests.unit.node.burst.duty import FAULTS, NAMES, USUAL, happen, small_batches
 from tests.virtual.in_process import virtual_loop
-
-
-def of_steps(faults: set[str]) -> st.SearchStrategy[list[tuple[str, str, int]]]:
-    """Return histories of what is usual and of these faults."""
-    steps = st.sampled_from((*USUAL, *USUAL, *sorted(faults)))
-    return st.lists(st.tuples(steps, st.sampled_from(NAMES), st.integers(0, 5)), max_size=80)
-
-
-HISTORIES = st.sets(st.sampled_from(FAULTS), max_size=2).flatmap(of_steps)
 
 
 @pytest.fixture(scope="module")
@@ -35,8 +26,10 @@ def loop() -> Iterator[asyncio.AbstractEventLoop]:
 
 
 @pytest.mark.parametrize("streamed", [False, True])
-@given(HISTORIES)
+@settings(max_examples=60)
+@given(histories((*USUAL, *USUAL), FAULTS, max_steps=60, numbers=12))
 def test_each_image_is_saved_or_said_to_be_missing(
-    streamed: bool, loop: asyncio.AbstractEventLoop, history: list[tuple[str, str, int]]
+    streamed: bool, loop: asyncio.AbstractEventLoop, history: list[tuple[str, int]]
 ) -> None:
-    loop.run_until_complete(happen(streamed, history))
+    at_cameras = ((step, NAMES[number % 2], number // 2) for step, number in history)
+    loop.run_until_complete(happen(streamed, at_cameras))

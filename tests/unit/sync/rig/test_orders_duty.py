@@ -53,8 +53,8 @@ class Ordered:
     busy_until_ns: int = 0
     told_ns: dict[str, int] = field(default_factory=dict)
     """When each camera was told last."""
-    answered: set[str] = field(default_factory=set)
-    """Cameras whose answer was reported."""
+    lost: list[str] = field(default_factory=list)
+    """Cameras that were lost before they answered; one that returns has another number."""
 
 
 class Duty:
@@ -80,8 +80,6 @@ class Duty:
 
     def _note(self, burst: Burst, run: int, count: int, *, is_first: bool = False) -> None:
         key = run, burst.number
-        before = self.bursts.get(key)
-        answered = set[str]() if before is None else before.answered
         self.bursts[key] = Ordered(
             burst,
             run,
@@ -90,7 +88,6 @@ class Duty:
             self._here(burst),
             self.now_ns + TRIGGER_GIVE_UP_NS,
             max(self.now_ns, burst.instants_ns[-1] + PERIOD_NS) + AFTER_BURST_NS,
-            answered=answered,
         )
 
     def _own(self, number: int) -> Ordered | None:
@@ -156,6 +153,8 @@ class Duty:
     def answer(self, number: int) -> None:
         """A camera answers each order; a late one is to what was ordered before."""
         name, member = NAMES[number % 3], self.roster.members[NAMES[number % 3]]
+        if member.lost:
+            return
         for of in self.bursts.values():
             cancels, refusal = not of.count, "its clock" if number > 3 else ""
             if cancels and number < 3:
@@ -167,8 +166,6 @@ class Duty:
                 of.unanswered.discard(name)
             if is_told and of.is_first:
                 assert answer == TriggerAnswered(name, of.burst.number, refusal)
-                assert name not in of.answered
-                of.answered.add(name)
             else:
                 assert answer is None
         assert self.orders.take_ack(member, TriggerAck(member.number, LEADER + 9, 1)) is None
@@ -177,6 +174,10 @@ class Duty:
         member = self.roster.members[NAMES[number % 3]]
         if not member.lost:
             self.roster.mark_lost(member, "silent")
+            for of in self.bursts.values():
+                if member.name in of.unanswered:
+                    of.unanswered.discard(member.name)
+                    of.lost.append(member.name)
 
     def come_back(self, number: int) -> None:
         """A camera that was started again, or was away, is ready."""
@@ -189,10 +190,9 @@ class Duty:
         for of in self.bursts.values():
             is_streamed = of.burst.streamed and of.count and self.now_ns < of.burst.instants_ns[-1]
             if is_streamed and name in of.burst.clients:
-                if not of.unanswered:
+                if not (of.unanswered or of.lost):
                     of.give_up_ns, of.is_first = self.now_ns + TRIGGER_GIVE_UP_NS, False
                 of.unanswered.add(name)
-                of.answered.discard(name)
                 of.told_ns.clear()
 
     def align(self, number: int) -> None:
@@ -208,16 +208,15 @@ class Duty:
         given_up = self.orders.expire(self.now_ns)
         expected: list[TriggerAnswered] = []
         for of in self.bursts.values():
-            is_due = any(self.now_ns >= of.told_ns.get(name, 0) + TRIGGER_AGAIN_NS for name in of.unanswered)
-            for name in [*of.unanswered]:
-                lost = self.roster.members[name].lost
-                if self.now_ns >= of.give_up_ns or (is_due and lost):
-                    of.unanswered.discard(name)
+            told_ns = max(of.told_ns.values(), default=0)
+            is_due = self.now_ns >= min(told_ns + TRIGGER_AGAIN_NS, of.give_up_ns)
+            lost_names, of.lost = (of.lost, []) if is_due else ([], of.lost)
+            silent_names = [*of.unanswered] if self.now_ns >= of.give_up_ns else []
+            of.unanswered -= {*silent_names}
+            for names, why in ((lost_names, "silent"), (silent_names, NO_ANSWER)):
+                for name in names:
                     if of.is_first:
-                        assert name not in of.answered
-                        of.answered.add(name)
-                        silent = TriggerAnswered(name, of.burst.number, lost or NO_ANSWER, is_silent=True)
-                        expected.append(silent)
+                        expected.append(TriggerAnswered(name, of.burst.number, why, is_silent=True))
         assert sorted(given_up, key=str) == sorted(expected, key=str)
         told = {key: set[str]() for key in self.bursts}
         for members, trigger in self.orders.triggers_due(self.now_ns):
@@ -240,7 +239,9 @@ class Duty:
                 of.told_ns = dict.fromkeys(of.unanswered, self.now_ns)
             for name in of.unanswered:
                 assert of.told_ns[name] > self.now_ns - TRIGGER_AGAIN_NS, "it is not told again"
-        assert (self.orders.next_timer() < NEVER_NS) == any(of.unanswered for of in self.bursts.values())
+        assert (self.orders.next_timer() < NEVER_NS) == any(
+            of.unanswered or of.lost for of in self.bursts.values()
+        )
 
     def check(self) -> None:
         self.handle_timer()

@@ -20,6 +20,7 @@ from capture_app.common.timeouts import (
 from capture_app.node.burst.burst_session import MARK_MARGIN_NS, BurstSession
 from capture_app.node.burst.plans import burst_record, result_text
 from capture_app.node.leader.bursts import create_numbered
+from capture_app.protocol.messages import CameraReport
 from capture_app.session.format.manifest import EVENTS, AbsentCamera, MissingImage, PhaseRecord
 from capture_app.session.library.listing import list_sessions
 from capture_app.session.reading.reader import Session
@@ -287,3 +288,96 @@ async def test_a_mark_belongs_to_the_open_take_of_this_run_around_its_time(tmp_p
     again = await asyncio.to_thread(BurstSession.resume, session.folder, 0, DISK)
     assert not again.contains(begins_ns), "the leader's clock was another one"
     await again.suspend()
+
+
+def streamed_session(folder: Path, *names: str, frames: int = 30, video: bool = True) -> BurstSession:
+    instants_ns = range(INSTANTS_NS[0], INSTANTS_NS[0] + frames * PERIOD_NS, PERIOD_NS)
+    burst = Burst(1, instants_ns, PERIOD_NS, INSTANTS_NS[0], names, streamed=True, video=video)
+    writer = SessionWriter.create(folder, "recording-001")
+    return BurstSession.begin(burst, dict.fromkeys(names, CAMERA), writer, DISK)
+
+
+def picking(name: str) -> CameraReport:
+    return report(name).with_plan(picking=True)
+
+
+async def test_cameras_that_take_frames_after_the_last_instant_have_missed_the_end(tmp_path: Path) -> None:
+    session = streamed_session(tmp_path, "a", "b")
+    over_ns = session.burst.instants_ns[-1] + AFTER_LAST_INSTANT_NS
+    assert not session.is_overrun(over_ns), "nobody takes frames"
+    for name in ("a", "b"):
+        await session.accept_report(picking(name), INSTANTS_NS[0])
+    assert [session.is_overrun(over_ns + later_ns) for later_ns in (-1, 0)] == [False, True]
+    await session.give_up_camera("a", "lost")
+    assert session.is_overrun(over_ns)
+    await session.give_up_camera("b", "lost")
+    assert not session.is_overrun(over_ns)
+    stills = burst_session(tmp_path, "a")
+    await stills.accept_report(report("a", 0, 1), INSTANTS_NS[1])
+    assert not stills.is_overrun(over_ns)
+    earlier = streamed_session(tmp_path / "earlier", "a")
+    await earlier.write_plan(LEADER)
+    await earlier.suspend()
+    again = BurstSession.resume(earlier.folder, 0, DISK)
+    await again.accept_report(picking("a"), INSTANTS_NS[0])
+    assert not again.is_overrun(over_ns), "no run but the one that ordered it can end it"
+    await again.suspend()
+
+
+async def test_a_camera_that_was_silent_and_brought_nothing_is_awaited_for_a_shorter_time_next(
+    tmp_path: Path,
+) -> None:
+    session = burst_session(tmp_path, "brought", "refused", "silent", "there")
+    await session.accept_report(report("brought", 0, 1), now_ns=0)
+    await receive_image(session, upload("brought", 0), pieces(IMAGE))
+    await session.give_up_camera("refused", "its clock is not synchronized yet")
+    for name in ("brought", "silent"):
+        await session.give_up_camera(name, "no answer", silent=True)
+    assert session.silent_cameras() == {"silent"}
+    assert not session.is_empty()
+
+
+async def test_a_camera_has_so_long_after_its_last_stream_was_closed(tmp_path: Path) -> None:
+    session = burst_session(tmp_path, "a")
+    closed_ns = INSTANTS_NS[-1] + AFTER_LAST_INSTANT_NS + 2 * CAMERA_DISCONNECTED_NS
+    for _ in range(2):
+        session.stream_opened("a")
+    session.stream_closed("a", INSTANTS_NS[-1])
+    await session.give_up_silent_cameras({}, closed_ns)
+    assert session.status.transfer[0].problem == "", "it has another stream"
+    session.stream_closed("a", closed_ns)
+    await session.give_up_silent_cameras({}, closed_ns + CAMERA_DISCONNECTED_NS - 1)
+    assert session.status.transfer[0].problem == ""
+    await session.give_up_silent_cameras({}, closed_ns + CAMERA_DISCONNECTED_NS + 1)
+    assert session.status.transfer[0].problem
+
+
+@pytest.mark.parametrize("video", [False, True])
+async def test_what_a_status_says_of_a_take_that_is_resumed(tmp_path: Path, video: bool) -> None:
+    session = streamed_session(tmp_path, "a", video=video)
+    first_ns = session.burst.instants_ns[0]
+    assert (session.status.burst, session.status.first_leader_ns) == (1, first_ns)
+    await session.write_plan(LEADER)
+    await session.accept_report(picking("a"), first_ns)
+    await session.suspend()
+    again = BurstSession.resume(session.folder, 0, DISK)
+    # What is now by this run's clock says nothing of an earlier run's recording.
+    await again.give_up_silent_cameras({}, session.burst.instants_ns[9])
+    status, frames = again.status, 0 if video else 30
+    assert (status.burst, status.first_leader_ns, status.done) == (0, 0, False)
+    assert (status.instants, status.expected, status.recording) == (frames, frames, video)
+    whose = f"recording-001 of an earlier run: 0 of {frames} images"
+    assert status.message == f"{whose}, waiting for images that its nodes still have"
+    again.stream_opened("a")
+    assert again.status.message.startswith(whose)
+    assert again.status.message.endswith(
+        "waiting for images that its nodes still have" if video else "30 arriving"
+    )
+    again.trouble = "the disk is full"
+    assert again.status.message == f"{whose}, the disk is full"
+    again.message = "left unfinished"
+    assert again.status.message == f"{whose}, left unfinished"
+    await again.suspend()
+    whose = "recording-001 of an earlier run: 0 of 30 images"
+    assert again.status.message.startswith(f"{whose}; left unfinished: ")
+    assert again.status.ended is video

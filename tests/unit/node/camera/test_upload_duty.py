@@ -113,7 +113,7 @@ class Duty:
             return
         instants = range(self.next, min(len(FRAMES), self.next + (2 if number == 1 else 1)))
         self.next, is_dropped = instants.stop, number == 0
-        waiting = sum(len(frame.frame.picture.data) for frame in self.node.frames)
+        waiting = sum(frame.frame.picture.held_bytes for frame in self.node.frames)
         waiting += sum(map(len, self.node.in_memory.values()))
         is_taken = not (self.is_closed or self.is_cancelled)
         self.picked = self.next if is_taken else self.picked

@@ -64,10 +64,10 @@ class Disk:
         """Let a change fail, or none; leave the block with what the writer says then."""
         if self.chance.random() < 0.4:
             self.left, self.errno = self.chance.randrange(1, 9), self.chance.choice([EIO, ENOSPC])
-        fails = self.left > 0
-        kind = DiskFullError if self.errno == ENOSPC else DiskError
+        fails, kind = self.left > 0, DiskFullError if self.errno == ENOSPC else DiskError
         try:
             yield
+            assert self.left or not fails, "an error of the disk was passed over"
         except kind:
             assert fails
             assert not self.left

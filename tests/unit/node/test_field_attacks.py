@@ -6,7 +6,7 @@ N1  an impossible number in a report       session/writing/test_impossible_repor
 N1b events in another camera's name        node/burst/test_untrue_reports.py::test_events_are_in_the_name
 N2  `picking`, then silence                node/burst/test_untrue_reports.py::test_a_burst_ends_though
 N3  texts that are too long                node/test_limits.py::test_nodes_with_long_texts
-N3  lines that fill the log                node/leader/test_operator.py::test_the_log_takes_few_lines
+N3  lines that fill the log                protocol/test_log.py::test_one_node_and_all_together
 N4  another phase in each report           sync/rig/test_grid_votes.py::test_another_phase_in_each_report
 N4  a webcam with a bad clock              sync/rig/test_grid_votes.py::test_a_webcam_with_a_bad_clock
 N5  images, packets and chunks as bombs    end_to_end/test_bombs.py::test_a_picture_or_truth

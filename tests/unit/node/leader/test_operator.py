@@ -3,7 +3,6 @@
 import asyncio
 import threading
 import time
-from collections import Counter
 from collections.abc import AsyncIterator, Callable
 from pathlib import Path
 from typing import Any
@@ -15,7 +14,7 @@ from capture_app.common.errors import BadInputError, NetworkError, NotAvailableE
 from capture_app.node.leader import bursts
 from capture_app.node.leader.leader_node import LeaderNode
 from capture_app.protocol import log as log_module
-from capture_app.protocol.log import MAX_LINES_A_NODE, MAX_LOG_LINES, Log
+from capture_app.protocol.log import MAX_LOG_LINES, Log
 from capture_app.protocol.orders import (
     AddCamera,
     AddSimulated,
@@ -244,38 +243,4 @@ def test_what_happens_in_a_rig_is_a_line_of_json_by_a_name_of_its_own() -> None:
         {"event": "burst-refused", "name": "b", "burst": 1, "reason": "no clock"},
         {"event": "host-off-rate", "name": "a", "fast_ppm": 210.0, "ambiguous": True},
         {"event": "host-at-rate", "name": "a"},
-    ]
-
-
-async def test_the_log_takes_few_lines_about_one_node_and_cuts_long_ones() -> None:
-    shown: list[str] = []
-    log = Log(shown.append)
-    for number in range(1000):
-        log.say_of_disk("cam1", f"{number}" + "x" * 100_000)
-        log.note(NodeChanged("cam2", "lost", f"{number}"))
-    log.say("b joined", camera="b")
-    about = Counter(line.camera for line in log.after(0))
-    assert about == {"cam1": MAX_LINES_A_NODE, "cam2": MAX_LINES_A_NODE, "b": 1}
-    assert sum(map(len, shown)) < 2 * MAX_LINES_A_NODE * 1000 + 100
-    assert any("left out" in line for line in shown)
-
-
-def test_the_log_calls_nodes_as_their_owners() -> None:
-    shown: list[str] = []
-    log = Log(shown.append)
-    log.title_of = {"Bohm": "Böhm"}.__getitem__
-    log.note(NodeChanged("Bohm", "joined"))
-    log.note(NodeChanged("Bohm", "moved", where="hall"))
-    log.note(NodeChanged("Bohm", "lost", "it left"))
-    log.note(TriggerAnswered("Bohm", 1, "no clock"))
-    log.note(HostOffRate("Bohm", 210.0))
-    log.say_of_disk("Bohm", "is full")
-    assert shown == [
-        "Böhm joined",
-        "Böhm is now connected to hall",
-        "lost Böhm: it left",
-        "burst 1: without Böhm: no clock",
-        "the clock of Böhm runs 210 ppm fast against all others: its NTP daemon is slewing it,"
-        " or it is a virtual machine",
-        "Böhm: is full",
     ]

@@ -305,6 +305,7 @@ class SessionWriter:
         """
         valid, reasons = _valid_cameras(cameras)
         with self._writing():
+            note = earlier_note(self.folder) or note
             self.images.leave_out(reasons.keys())
             self.videos.leave_out(reasons.keys())
             # For a video's frame check only whether it exists: its record would be read from disk.
@@ -325,7 +326,8 @@ class SessionWriter:
                 burst=burst,
                 images=tuple(sorted(images, key=lambda image: (image.instant, image.camera))),
                 missing=tuple(sorted(absent, key=lambda m: (m.instant, m.camera))),
-                note="; ".join(filter(None, (earlier_note(self.folder) or note, *reasons.values()))),
+                # A session that is finished again already says why a camera is left out.
+                note="; ".join(filter(None, (note, *(why for why in reasons.values() if why not in note)))),
                 videos=self.videos.records(),
                 label=label or msgspec.UNSET,
             )

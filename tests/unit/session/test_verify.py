@@ -234,6 +234,17 @@ def test_every_lie_is_found(session: Session, kind: ProblemKind, lie: str) -> No
     assert any(problem.kind is kind and what in str(problem) for problem in problems), problems
 
 
+def test_checksums_of_what_is_no_file_of_a_session_are_not_followed(session: Session) -> None:
+    """Whoever made the session would learn what other files have which contents."""
+    (session.folder.parent / "secret").write_bytes(b"secret")
+    with (session.folder / CHECKSUMS).open("a") as file:
+        file.write(f"{'0' * 64}  ../secret\n{'0' * 10}  {JOURNAL}\n")
+    problems = verify(Session.open(session.folder))
+    assert [(of.where, of.what.partition(":")[0]) for of in problems] == [
+        (CHECKSUMS, "has an unknown line")
+    ] * 2
+
+
 def test_a_time_within_its_error_bar_is_no_lie(session: Session) -> None:
     local_ns = session.manifest.images[0].local_ns
     assert local_ns is not None

@@ -59,6 +59,14 @@ def replace_first(data: bytes) -> Callable[[Session], None]:
     return replace
 
 
+def break_second(session: Session) -> None:
+    """Cut off the end of the image of the second instant, as a broken encoder does."""
+    data = jpeg(1)[:-100]
+    (session.folder / FIRST.replace("00.", "01.")).write_bytes(data)
+    changes = {"bytes": len(data), "sha256": hashlib.sha256(data).hexdigest()}
+    rewrite(session, lambda manifest: manifest["images"][2].update(changes))
+
+
 def flip(session: Session) -> None:
     path = session.folder / FIRST
     data = bytearray(path.read_bytes())
@@ -150,6 +158,7 @@ LIES: dict[ProblemKind, dict[str, tuple[Callable[[Session], Any], str]]] = {
         "other ground truth": (put(TRUTH, b"npy"), "000000.npz"),
     },
     "unreadable": {
+        "broken, and not the first": (break_second, "decoded"),
         "no image": (replace_first(b"not an image"), "decoded"),
         "folder for image": (lambda s: (remove(FIRST)(s), (s.folder / FIRST).mkdir()), FIRST),
         "torn journal": (
@@ -175,6 +184,10 @@ LIES: dict[ProblemKind, dict[str, tuple[Callable[[Session], Any], str]]] = {
         "dropped": (claim(lambda m: m["missing"][0].update(dropped=True)), "sync.dropped is 0"),
         "backwards": (claim(lambda m: repeat(m, "leader_ns")), "was not taken after"),
         "backwards by its own clock": (claim(lambda m: repeat(m, "local_ns")), "was not taken after"),
+        "instants at once": (
+            claim(lambda m: m["burst"]["instants_ns"].__setitem__(1, m["burst"]["instants_ns"][0])),
+            "instant 1 is not after",
+        ),
         "instants": (swap_instants, "instant 2 is not after"),
         "doubled": (claim(lambda m: m["images"].append(m["images"][0])), "2 images"),
         "hole": (claim(lambda m: m["missing"].clear()), "nor why"),
@@ -252,6 +265,47 @@ def test_a_time_within_its_error_bar_is_no_lie(session: Session) -> None:
     assert verify(Session.open(session.folder)) == []
     first(local_ns=local_ns + 21_100)(session)
     assert len(verify(Session.open(session.folder))) == 1
+
+
+def without(manifest: dict[str, Any], field: str) -> None:
+    """Take a field from all images, as if it were not known."""
+    for image in manifest["images"]:
+        image.pop(field, None)
+
+
+def without_clock(manifest: dict[str, Any]) -> None:
+    """Say that the first camera's clock is not known, and that its stamps are not exact."""
+    late_stamps(21_000_000)(manifest)
+    manifest["cameras"][0].pop("clock")
+
+
+def with_common_times(manifest: dict[str, Any]) -> None:
+    """Say that the times are of the recordings' own, and that the first camera's stamps are not exact."""
+    late_stamps(21_000_000)(manifest)
+    manifest["burst"]["common_times"] = {"state": "unknown"}
+
+
+def as_sure_as_its_stamps(manifest: dict[str, Any]) -> None:
+    late_stamps(20_000)(manifest)
+    without(manifest, "hard_bound_ns")
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda manifest: without(manifest, "local_ns"),
+        lambda manifest: (without(manifest, "uncertainty_ns"), as_sure_as_its_stamps(manifest)),
+        without_clock,
+        with_common_times,
+        as_sure_as_its_stamps,
+    ],
+)
+def test_what_is_not_known_or_as_sure_as_it_may_be_is_no_lie(
+    session: Session, change: Callable[[dict[str, Any]], Any]
+) -> None:
+    # What is computed of all images is another.
+    rewrite(session, lambda manifest: (manifest.pop("sync"), change(manifest)))
+    assert verify(Session.open(session.folder)) == []
 
 
 @pytest.mark.parametrize(("ppm", "is_a_lie"), [(480, False), (-480, False), (700, True)])

@@ -15,8 +15,8 @@ from msgspec.structs import replace
 from capture_app.common import system
 from capture_app.common.errors import BadInputError, DiskError
 from capture_app.common.pairing_codes import Role, parse_pin, pin_of
-from capture_app.trust.identity import load_identity
-from capture_app.trust.known_machines import KnownMachines
+from capture_app.trust.identity import is_proven, load_identity, sign
+from capture_app.trust.known_machines import CameraNames, KnownMachines
 from capture_app.trust.trust import Trust
 
 
@@ -140,6 +140,10 @@ def test_a_machine_that_was_added_by_its_pin_shows_its_certificate_later(tmp_pat
     assert noted is not None
     assert (noted.certificate, noted.roles) == (shown, (Role.CAMERA,))
     assert known.all() == (noted,)
+    version = known.version
+    assert known.note_certificate(shown) == noted
+    known.all()
+    assert known.version == version, "it is stored once"
 
 
 def test_what_is_no_certificate_is_not_kept(tmp_path: Path) -> None:
@@ -262,3 +266,42 @@ def test_a_certificate_by_word_must_be_of_its_pin(tmp_path: Path) -> None:
     forged = replace(leader.all()[0], certificate=certificate(tmp_path / "leader"))
     with pytest.raises(BadInputError, match="not match the pin"):
         known.take_trust_of(pin, [forged])
+
+
+def test_what_a_leader_has_signed_is_proven_by_its_key_alone(tmp_path: Path) -> None:
+    leader, other = load_identity(tmp_path / "leader"), load_identity(tmp_path / "other")
+    proof = sign(leader, ("a", 1), "saved")
+    assert is_proven(proof, ["x", leader.pin], ("a", 1), "saved")
+    forged = (proof[0], bytes(reversed(proof[1])))
+    for shown, pins, said in (
+        (None, [leader.pin], "saved"),
+        (proof, [other.pin], "saved"),
+        (proof, [], "saved"),
+        (proof, [leader.pin], "lost"),
+        (forged, [leader.pin], "saved"),
+        ((other.certificate, proof[1]), [leader.pin, other.pin], "saved"),
+    ):
+        assert not is_proven(shown, pins, ("a", 1), said)
+
+
+def test_owners_of_names_that_two_leaders_store_are_all_stored(tmp_path: Path) -> None:
+    one, other = CameraNames(tmp_path), CameraNames(tmp_path)
+    one.owners["a"], one.owners["b"], other.owners["c"] = "pin a", "pin b", "pin c"
+    assert not one.is_stored
+    one.keep()
+    other.keep()
+    assert one.is_stored
+    assert CameraNames(tmp_path).owners == {"a": "pin a", "b": "pin b", "c": "pin c"}
+    del one.owners["a"]
+    one.owners["b"] = "pin d"
+    one.keep()
+    other.keep()
+    assert CameraNames(tmp_path).owners == {"b": "pin d", "c": "pin c"}
+
+
+def test_what_is_stored_already_is_not_written_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    names = CameraNames(tmp_path)
+    names.owners["a"] = "pin a"
+    names.keep()
+    monkeypatch.setattr("capture_app.trust.known_machines.write_atomic", pytest.fail)
+    names.keep()

@@ -4,7 +4,7 @@ import pytest
 
 from capture_app.common.errors import BadInputError, UnknownMachineError
 from capture_app.common.pairing_codes import Role, parse_code
-from capture_app.trust.spake2_exchange import GOOD_FOR_S, TRIES, Candidate, Invitations
+from capture_app.trust.spake2_exchange import GOOD_FOR_S, TRIES, Candidate, Invitations, _proof
 
 NODE, LEADER, OTHER = "node-pin", "leader-pin", "other-pin"
 
@@ -114,6 +114,24 @@ def test_a_word_that_is_sent_back_is_refused(desk: Invitations) -> None:
         candidate.prove(candidate.spake2_message)
     with pytest.raises(BadInputError):
         candidate.prove(b"B" + candidate.spake2_message[1:])
+
+
+def test_of_two_machines_that_begin_with_one_code_the_first_is_let_in(desk: Invitations) -> None:
+    code = desk.invite(Role.CAMERA).code
+    candidates = [Candidate(code, pin, LEADER) for pin in (NODE, OTHER)]
+    begun = [
+        desk.answer(pin, of.spake2_message, LEADER) for pin, of in zip((NODE, OTHER), candidates, strict=True)
+    ]
+    proofs = [of.prove(message) for of, (message, *_) in zip(candidates, begun, strict=True)]
+    candidates[0].check(desk.accept(begun[0][1], begun[0][2], proofs[0]))
+    with pytest.raises(UnknownMachineError, match="wrong pairing code"):
+        desk.accept(begun[1][1], begun[1][2], proofs[1])
+
+
+def test_a_leader_proves_nothing_before_the_exchange() -> None:
+    """Anyone can make the proof of an empty key."""
+    with pytest.raises(UnknownMachineError, match="does not know the code"):
+        Candidate("12345678", NODE, LEADER).check(_proof(b"", b"leader"))
 
 
 def test_codes_have_eight_digits_and_differ(desk: Invitations) -> None:

@@ -30,7 +30,7 @@ from capture_app.sync.wire.datagrams import (
     Welcome,
 )
 from capture_app.trust.datagram_keys import Address
-from capture_app.trust.sealing import HEAD_BYTES, SEAL_BYTES, Refusals, Refused
+from capture_app.trust.sealing import HEAD_BYTES, MAX_KINDS, SEAL_BYTES, Refusals, Refused
 from tests.facts import make_facts
 from tests.unit.trust.sealed_pair import LEADER, SealedRig, running
 
@@ -304,3 +304,13 @@ def test_datagrams_that_come_twice_now_and_then_are_not_worth_a_word() -> None:
     assert refusals.take_events(0) == []
     refusals.add("host", Refused.REPLAYED)
     assert [str(news) for news in refusals.take_events(1)] == ["refused 10 datagrams from host: sent before"]
+
+
+def test_hosts_beyond_so_many_are_counted_together_and_known_ones_as_before() -> None:
+    refusals = Refusals()
+    for number in range(MAX_KINDS + 5):
+        refusals.add(f"host{number}", Refused.FORGED)
+    refusals.add("host0", Refused.FORGED)
+    assert len(refusals.counts) == MAX_KINDS + 1
+    assert refusals.counts["host0", Refused.FORGED] == 2
+    assert refusals.counts["other hosts", Refused.FORGED] == 5

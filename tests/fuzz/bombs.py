@@ -117,7 +117,14 @@ def xml_laughs() -> bytes:
     return f'<!DOCTYPE document [<!ENTITY x0 "ha">{entities}]><document>&x9;</document>'.encode()
 
 
+def sound_rate(rate_hz: int) -> bytes:
+    """A WAVE file of a tenth of a second that states a rate."""
+    form = struct.pack("<IHHIIHH", 16, 1, 1, rate_hz, 32_000, 2, 16)
+    return b"RIFF\xa4\x0c\x00\x00WAVEfmt " + form + b"data\x80\x0c\x00\x00" + b"\x10\x20" * 1600
+
+
 BOMBS: dict[str, dict[str, Callable[[], bytes]]] = {
+    "sound": {"rate": lambda: sound_rate(200_000_033)},
     "calibration-kalibr": {
         "laughs": camchain_laughs,
         "merges": yaml_merges,

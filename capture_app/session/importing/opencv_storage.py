@@ -37,7 +37,7 @@ def read_storage(path: Path, *, hint: str = "write it again, as with OpenCV's Fi
     data = read_input(path, max_bytes=MAX_BYTES)
     with rejecting(
         f"cannot read {path}",
-        *(yaml.YAMLError, ET.ParseError, ValueError, OverflowError, RecursionError),
+        *(yaml.YAMLError, ET.ParseError, LookupError, ValueError, OverflowError, RecursionError),
         hint=hint,
     ):
         content = _read_xml(data) if path.suffix.lower() == ".xml" else _read_yaml(data)

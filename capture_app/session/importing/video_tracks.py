@@ -21,6 +21,8 @@ MAX_PIXELS = 1 << 26
 """Largest picture of a video, px: eight times 4K; FFmpeg stores up to seventeen of them."""
 MAX_SILENCE_S = 600.0
 """Longest gaps of a track in all: they are filled with silence, which takes memory as sound does."""
+MAX_RATE_HZ = 1_000_000
+"""Highest rate of a track: the filter that resamples it takes memory in proportion, 60 bytes a hertz."""
 
 
 @contextmanager
@@ -52,6 +54,8 @@ def read_track(path: Path, rate_hz: int, sample_format: str, channels: int) -> t
         if not container.streams.audio or container.streams.audio[0].codec_context is None:
             raise BadInputError("it has no sound")
         track = container.streams.audio[0]
+        if track.codec_context.sample_rate > MAX_RATE_HZ:
+            raise BadInputError(f"its sound has {track.codec_context.sample_rate:,} samples a second")
         channels = 1 if track.codec_context.channels == 1 else channels
         layout = "mono" if channels == 1 else "stereo"
         resampler = av.AudioResampler(format=sample_format, layout=layout, rate=rate_hz)

@@ -118,6 +118,11 @@ class View:
         rays = np.column_stack([pixels, np.ones(len(pixels))]) @ np.linalg.inv(self.matrix).T
         return np.asarray((rays * depth[:, None] - self.translation) @ self.rotation)
 
+    def unproject_map(self, depth: Array, where: Array) -> Array:
+        """Return rig points (n, 3) of an undistorted view's pixels `where` (bool), at a map's depths."""
+        rows, columns = np.nonzero(where)
+        return self.unproject(np.column_stack([columns, rows]), depth[rows, columns].astype(float))
+
     def grid(self) -> Array:
         """Return the coordinates of every pixel of the image, row by row, (height * width, 2)."""
         ys, xs = np.mgrid[0 : self.height, 0 : self.width]

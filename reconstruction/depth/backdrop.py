@@ -48,8 +48,7 @@ def find_backdrop(moment: Moment) -> Backdrop | None:
     centre = find_subject(moment)
     distances = [np.array([np.linalg.norm(seen.view.centre - centre) for seen in small.values()])]
     for seen in small.values():
-        y, x = np.nonzero(seen.depth)
-        points = seen.view.unproject(np.column_stack([x, y]), seen.depth[y, x].astype(float))
+        points = seen.view.unproject_map(seen.depth, seen.depth > 0)
         distances.append(np.percentile(np.linalg.norm(points - centre, axis=1), [99]))
     radius = BEYOND * float(np.concatenate(distances).max())
     narrowest = min(2 * np.arctan(seen.view.width / 2 / seen.view.focal) for seen in small.values())

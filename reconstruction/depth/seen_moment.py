@@ -102,6 +102,5 @@ def find_subject(moment: Moment) -> Array:
         )
         inside = np.zeros(seen.depth.shape, bool)
         inside[rows, columns] = seen.depth[rows, columns] > 0
-        y, x = np.nonzero(inside)
-        points.append(seen.view.unproject(np.column_stack([x, y]), seen.depth[y, x].astype(float)))
+        points.append(seen.view.unproject_map(seen.depth, inside))
     return np.asarray(np.median(np.concatenate(points), axis=0))

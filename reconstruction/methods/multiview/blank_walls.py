@@ -109,10 +109,9 @@ def sample_surface(image: CalibratedImage, inverse_depth: Array, evident: Array)
     known = np.where(evident, inverse_depth, np.float32(-1e6))
     level, right, down = fit_planes(known, 3 * TOLERANCE * typical, radius=3, rounds=3)
     facing = image.surface_normals(level, right, down)
-    rows, columns = np.nonzero(evident)
-    depth = 1 / np.maximum(inverse_depth[rows, columns], 1e-9).astype(float)
-    places = image.view.unproject(np.column_stack([columns, rows]).astype(float), depth)
-    normals = facing[rows, columns] @ image.view.rotation
+    depth = 1 / np.maximum(inverse_depth, 1e-9).astype(float)
+    places = image.view.unproject_map(depth, evident)
+    normals = facing[evident] @ image.view.rotation
     return np.hstack([places, normals, np.full_like(places, image.view.centre)]).T.astype(np.float32)
 
 

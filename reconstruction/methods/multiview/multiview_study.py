@@ -68,15 +68,14 @@ def save_clouds(
     for side, path in paths.items():
         write_ply(out / path, PointCloud(clouds[side].points, clouds[side].colours))
     known = depth > 0
-    rows, columns = np.nonzero(known & moving if (known & moving).any() else known)
-    points = view.unproject(np.column_stack([columns, rows]), depth[rows, columns].astype(float))
+    points = view.unproject_map(depth, known & moving if (known & moving).any() else known)
     return InstantClouds(
         instant=instant,
         **paths,
         rotation=tuple(view.rotation.ravel().tolist()),
         centre=tuple(view.centre.tolist()),
         focal=view.focal / view.width,
-        pivot=tuple(np.median(points if len(rows) else clouds["synced"].points, axis=0).tolist()),
+        pivot=tuple(np.median(points if len(points) else clouds["synced"].points, axis=0).tolist()),
     )
 
 

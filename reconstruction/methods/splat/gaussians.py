@@ -88,12 +88,8 @@ def make_gaussians(moment: Moment, backdrop: Backdrop | None = None) -> Gaussian
     made, earlier, first = [], list[SeenView](), 0
     for seen in moment.values():
         new = seen.depth > 0
-        y, x = np.nonzero(new)
-        points = seen.view.unproject(np.column_stack([x, y]), seen.depth[new].astype(float))
         for other in earlier:
-            new[new] = ~_has_surface(other, points)
-            points = points[new[y, x]]
-            y, x = np.nonzero(new)
+            new[new] = ~_has_surface(other, seen.view.unproject_map(seen.depth, new))
         made += [_surface_elements(seen, *pixels, first) for pixels in _blocks(seen, new)]
         earlier.append(seen)
         first += seen.depth.size

@@ -5,12 +5,12 @@
     python -m benchmarks.reconstruction.depth_confidence --pose-error 0.5 --draws 8  cameras turned, px
     python -m benchmarks.reconstruction.depth_confidence --row FOLDER       real images: see `camera_rows`
     python -m benchmarks.reconstruction.depth_confidence --rooms 72         rooms of `confidence_scenes`
-    python -m benchmarks.reconstruction.depth_confidence --fit              `WEIGHTS`, by 42 other rooms
+    python -m benchmarks.reconstruction.depth_confidence --fit              `WEIGHTS`, by 180 other rooms
 
 Right is within 2 % of the true depth. Each row counts the depths of all cameras with a truth; ranges with
 under 1 % of a row's pixels are left out. Rooms are counted apart by whether their calibration could be
-checked (if not, it counts as off by 0.5 px), and by whether their kind was fitted, which takes those as
-exact.
+checked (if not, it counts as off by 0.5 px); and, with those taken as exact, by whether their kind was fitted
+and by what is said.
 
 All depths of a rig share the error of its poses, so that only many draws of it can be judged together: `±` is
 the standard error of said minus right by the draws, often 10 points with four to eight of them. The draws of
@@ -20,7 +20,7 @@ of cameras.
 
 import contextlib
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -60,11 +60,15 @@ INSTANT = 2
 RANGES = tuple(k / 10 for k in range(3, 10))
 """Lower ends of ranges of confidence, each 0.1 wide; the first one begins at 0."""
 CAMERAS = 5
-FIRST_FITTED = 1000
+FIRST_FITTED = 2000
 """First seed of rooms that are fitted."""
-FITTED_PIXELS = 24_000
+FITTED_PIXELS = 4_000
+OUTLYING = 0.1
+"""Difference of said and right of a room from which it counts less in a fit."""
 NEAR = 0.08
 """Largest difference of what is said and right of a row that counts as near."""
+SURE = 0.7
+"""Mean confidence that parts the rows of rooms, as those below it are far less near."""
 MIN_SHARE = 0.01
 COLUMNS = {
     "case": ("case", ""),
@@ -205,27 +209,33 @@ def judge_rooms(kinds: Sequence[str], first: int, count: int) -> Iterator[Judged
                 yield judged
 
 
-def fit_weights(rooms: Sequence[Judged]) -> dict[str, float]:
+def fit_weights(rooms: Iterable[Judged]) -> dict[str, float]:
     """Return the weights by which these rooms' right depths are the most probable.
 
-    Each room counts the same. Newton's method, with a slight pull to zero that decides between terms that say
-    the same.
+    Each room counts the same, but for those that are off by over `OUTLYING`, which count less: what no term
+    shows would shift all others. Newton's method, with a slight pull to zero that decides between terms that
+    say the same.
     """
-    rng, pull = np.random.default_rng(0), 1e-3 / len(rooms)
-    picked = [rng.integers(len(room.right), size=FITTED_PIXELS) for room in rooms]
-    terms = np.concatenate([room.terms[some] for room, some in zip(rooms, picked, strict=True)])
-    right = np.concatenate([room.right[some] for room, some in zip(rooms, picked, strict=True)])
+    rng, samples = np.random.default_rng(0), list[tuple[Array, Array]]()
+    for room in rooms:
+        some = rng.integers(len(room.right), size=FITTED_PIXELS)
+        samples.append((room.terms[some], room.right[some]))
+    terms, right = map(np.stack, zip(*samples, strict=True))
+    counted, pull = np.ones(len(right)), 1e-3 / len(right)
     weights = np.zeros(len(WEIGHTS))
     for _ in range(20):
         said = 1 / (1 + np.exp(-terms @ weights))
-        gradient = terms.T @ (right - said) / len(right) - pull * weights
-        curvature = (terms * (said * (1 - said))[:, None]).T @ terms / len(right)
+        wrong, doubt = (counted[:, None] * part / right.size for part in (right - said, said * (1 - said)))
+        gradient = np.einsum("rpt,rp->t", terms, wrong) - pull * weights
+        curvature = np.einsum("rpt,rp,rpu->tu", terms, doubt, terms, optimize=True)
         weights += np.linalg.solve(curvature + pull * np.eye(len(weights)), gradient)
+        off = np.abs((said - right).mean(1))
+        counted = np.minimum(OUTLYING / np.maximum(off, OUTLYING), 1) ** 2
     return {name: round(float(weight), 2) for name, weight in zip(WEIGHTS, weights, strict=True)}
 
 
 def summary(rooms: Sequence[Judged]) -> list[dict[str, Any]]:
-    """Return how near the rows of rooms are, by groups: each room of more than two cameras is in two."""
+    """Return how near the rows of rooms are, by groups: each room of more than two cameras is in three."""
     groups: dict[str, list[float]] = {}
     for room in rooms:
         said, right = float(room.said.mean()), float(room.right.mean())
@@ -235,7 +245,9 @@ def summary(rooms: Sequence[Judged]) -> list[dict[str, Any]]:
         checked = "checked" if room.misfit_px else "not checked"
         groups.setdefault(f"calibration {checked}", []).append(said - right)
         fitted = "fitted" if room.case.split()[0] in FITTED else "not fitted"
-        groups.setdefault(f"kinds {fitted}, exact if not checked", []).append(room.exact - right)
+        said_of = f"{'over' if room.exact > SURE else 'up to'} {SURE:.0%} said"
+        for group in (f"kinds {fitted}", said_of):
+            groups.setdefault(f"{group}, exact if not checked", []).append(room.exact - right)
     return [
         {
             "rooms": group,
@@ -289,14 +301,15 @@ def main() -> None:
     parser.add_argument("--pose-error", type=float, default=0.0, metavar="PX", help="of the scenes' cameras")
     parser.add_argument("--draws", type=int, default=1, help="of the pose error, counted as one case")
     parser.add_argument("--rooms", type=int, metavar="N", help="drawn rooms instead of all else")
-    parser.add_argument("--fit", action="store_true", help="to --rooms of other seeds [default: 42]")
+    parser.add_argument("--first", type=int, default=0, metavar="SEED", help="of the --rooms")
+    parser.add_argument("--fit", action="store_true", help="to --rooms of other seeds [default: 180]")
     asked = parser.parse_args()
     if asked.fit:
-        rooms = list(judge_rooms([*FITTED], FIRST_FITTED, asked.rooms or 42))
-        print(fit_weights([room for room in rooms if room.cameras > 2]))
+        fitted = judge_rooms([*FITTED], FIRST_FITTED, asked.rooms or 180)
+        print(fit_weights(room for room in fitted if room.cameras > 2))
         return
     if asked.rooms:
-        rooms = list(judge_rooms([*KINDS], 0, asked.rooms))
+        rooms = list(judge_rooms([*KINDS], asked.first, asked.rooms))
         report = {"rows": [reliability([room]) for room in rooms], "groups": summary(rooms)}
         print_report(report, print_rooms, as_json=asked.json)
         return

@@ -1,5 +1,6 @@
 """Confidence of depth: what raises and lowers it, and that it is as high as the fraction that is right."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -9,9 +10,11 @@ from reconstruction.common.geometry import Array
 from reconstruction.depth.calibrated_image import CalibratedImage
 from reconstruction.depth.plane_sweep import Surface
 from reconstruction.methods.multiview import confidence
+from reconstruction.methods.multiview.blank_walls import EVIDENT_COST
 from reconstruction.methods.multiview.confidence import (
     ASKEW,
     ASSUMED_RESIDUAL_PX,
+    BLANK_POINTS_PX,
     FREEDOM,
     PAIR_POSE_FACTOR,
     POINTS_PX,
@@ -124,7 +127,7 @@ def test_depth_among_holes_has_less_evidence() -> None:
     known = np.ones((HEIGHT, WIDTH), bool)
     known[::3] = False
     whole, holed = (supports({0.0: wall(), 0.1: wall()}, seen)[0].evidence[INNER] for seen in (None, known))
-    assert holed == pytest.approx(whole + WEIGHTS["holes"] / 3, abs=1e-4)
+    assert holed == pytest.approx(whole + WEIGHTS["holes"] / 3, abs=1e-3)
     assert WEIGHTS["holes"] < 0
 
 
@@ -138,6 +141,54 @@ def test_depth_that_differs_from_its_neighbours_has_less_evidence() -> None:
     assert (here["close"][at], here["close"][beside]) == pytest.approx((0, 0.8))
     evidence = supports({0.0: level, 0.1: level})[0].evidence
     assert evidence[at] < evidence[beside] - 0.2
+
+
+def seen_in(grey: Array, cost: float = 0.6, x: float = 0.1, noise: float = 9.0) -> Any:
+    """What is known of the first of two cameras whose images are these: its terms, and its support."""
+    images, sources, depths = seen_by({0.0: wall(), x: wall()})
+    images = {name: replace(image, grey=grey, noise=noise) for name, image in images.items()}
+    for name, view in depths.items():
+        depths[name] = replace(view, surface=view.surface._replace(cost=np.full_like(grey, cost)))
+    seen = images, sources, depths
+    return next(measure_terms(*seen))[1], next(measure_support(*seen))[1]
+
+
+def test_depth_is_carried_over_blank_areas_that_no_evident_plane_explains() -> None:
+    blank, detailed = np.full((HEIGHT, WIDTH), 90, np.float32), photo_of(view_at(0.0), np.zeros(2))[0].grey
+    half = np.where(np.arange(WIDTH) < WIDTH // 2, blank, detailed)
+    carried, laid, partly, none = (
+        seen_in(*case)[0]["all_carried"] for case in ((blank,), (blank, EVIDENT_COST), (half,), (detailed,))
+    )
+    assert (carried, laid) == (1, 0)
+    assert none < 0.05
+    assert partly == pytest.approx(0.5, abs=0.03)
+    assert WEIGHTS["all_carried"] < 0
+
+
+def test_detail_shows_depth_by_its_contrast_to_the_noise_and_by_the_baseline() -> None:
+    # A ramp of one grey level a pixel, seen by two cameras: 225 gradients of signal to noise 1 / sigma.
+    ramp = np.broadcast_to(np.arange(WIDTH, dtype=np.float32), (HEIGHT, WIDTH)).copy()
+    moved_px, variance = 0.02 * 110 * 0.1 / 2, 0.25
+    shown = 225 * (1 - variance) * moved_px**2 / (4 * variance)
+    terms, _ = seen_in(ramp, noise=9 * variance)
+    assert terms["all_detailed"] == pytest.approx(shown / (shown + 1), abs=0.02)
+    noisy, wide = (
+        seen_in(ramp, **other)[0]["all_detailed"]
+        for other in ({"noise": 8.0}, {"x": 0.2, "noise": 9 * variance})
+    )
+    assert noisy < terms["all_detailed"] - 0.2
+    assert wide > terms["all_detailed"] + 0.1
+    assert WEIGHTS["all_detailed"] > 0
+
+
+def test_points_of_a_blank_image_fit_a_perfect_calibration_worse() -> None:
+    blank, detailed = np.full((HEIGHT, WIDTH), 90, np.float32), photo_of(view_at(0.0), np.zeros(2))[0].grey
+    plain, rich = (seen_in(grey)[1] for grey in (blank, detailed))
+    assert (plain.points_px, rich.points_px) == pytest.approx(
+        (POINTS_PX + BLANK_POINTS_PX, POINTS_PX), abs=0.01
+    )
+    # The same misfit tells of a turned camera in the one, and of faint points in the other.
+    assert plain.measurable(0.25).mean() > rich.measurable(0.25).mean() + 0.1
 
 
 def test_a_surface_beyond_infinity_has_evidence_that_is_a_number() -> None:

@@ -21,6 +21,7 @@ from capture_app.common.errors import DiskFullError
 from capture_app.node.camera import film_spool
 from capture_app.node.camera.film_spool import SpooledFilm
 from capture_app.protocol.messages import ImageUpload
+from capture_app.session.files.durable import AppendOnlyFile, write_all
 from tests.histories import histories
 from tests.unit.node.bursts import upload
 
@@ -71,7 +72,6 @@ class Duty:
     def fill(self, number: int) -> None:
         """The disk is full after so many frames of the next ones, or before their lines in the index."""
         left = number
-        write_all = film_spool.write_all
 
         def write(handle: int, data: bytes) -> None:
             nonlocal left
@@ -85,7 +85,7 @@ class Duty:
 
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(film_spool, "write_all", write)
-            patch.setattr(film_spool.AppendOnlyFile, "append", no_line)
+            patch.setattr(AppendOnlyFile, "append", no_line)
             with pytest.raises(DiskFullError):
                 self.film.append([frame(instant) for instant in range(self.next, self.next + 3)])
         self.current = None

@@ -16,6 +16,7 @@ from hypothesis import example, given, settings
 from msgspec.structs import replace
 
 from capture_app.common.errors import BadInputError, DiskFullError, TryAgainError
+from capture_app.common.pairing_codes import Role
 from capture_app.net.channel import UnreadableMessageError
 from capture_app.node.leader.leader_options import LeaderOptions
 from capture_app.node.leader.service import LeaderService
@@ -31,7 +32,7 @@ from capture_app.protocol.messages import (
 )
 from capture_app.sync.rig.leader_engine import Leader, LeaderConfig
 from capture_app.sync.wire.datagrams import Hello
-from capture_app.trust.trust import Peer, Role, Trust
+from capture_app.trust.trust import Peer, Trust
 from tests.histories import histories
 from tests.unit.node.bursts import CAMERA, IMAGE, report, upload
 from tests.unit.node.leader.fake_streams import FakeStream

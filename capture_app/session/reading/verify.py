@@ -172,7 +172,7 @@ def _times(session: Session, record: ImageRecord) -> Iterator[Problem]:
     )
     tolerance_ns = camera.phase.tolerance_ns if camera.phase else None
     stamp = camera.facts.stamp
-    counts = stamp is not None and camera.clock is not None and burst.common_times is None
+    counts = camera.clock is not None and burst.common_times is None
     min_ns = 0 if stamp is None else stamp.uncertainty_ns
     stated_ns = record.uncertainty_ns
     error_ns, allowed_ns = _clock_error(session, record, camera, min_ns)

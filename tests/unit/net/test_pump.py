@@ -138,14 +138,16 @@ async def test_a_client_listens_to_its_leader_only(other: socket.socket) -> None
     client: Any = SimpleNamespace(
         receive_datagram=lambda data, now_ns: received.append(data),
         datagrams_to_send=lambda now_ns: [b"hello"],
-        next_timer=lambda: None,
-        handle_timer=lambda now_ns: None,
+        next_timer=lambda: 7,
+        handle_timer=lambda now_ns: received.append(b"timer %d" % now_ns),
     )
     engine = SinglePeerEngine(client, Address("10.0.0.1", 47010))
     engine.receive_datagram(b"stranger", ("10.0.0.2", 47010), 1)
     engine.receive_datagram(b"other port", ("10.0.0.1", 47011), 2)
     engine.receive_datagram(b"leader", ("10.0.0.1", 47010), 3)
-    assert received == [b"leader"]
+    assert engine.next_timer() == 7
+    engine.handle_timer(8)
+    assert received == [b"leader", b"timer 8"]
     assert engine.datagrams_to_send(4) == [(b"hello", ("10.0.0.1", 47010))]
 
 

@@ -115,6 +115,11 @@ def claim(change: Callable[[dict[str, Any]], Any], journal: bool = True) -> Call
     return lambda session: rewrite(session, change, journal)
 
 
+def change_journal(session: Session, change: Callable[[list[bytes]], list[bytes]]) -> None:
+    path = session.folder / JOURNAL
+    path.write_bytes(b"".join(change(path.read_bytes().splitlines(keepends=True))))
+
+
 def put(path: str, data: bytes) -> Callable[[Session], Any]:
     return lambda session: (session.folder / path).write_bytes(data)
 
@@ -138,6 +143,7 @@ def late_stamps(uncertainty_ns: int) -> Callable[[dict[str, Any]], None]:
     return lambda manifest: manifest["cameras"][0]["facts"].update(stamp=stamp)
 
 
+EXACT = {"bias_ns": 0, "uncertainty_ns": 0, "source": "construction"}
 TRUTH = "ground_truth/left/000000.npz"
 AGAIN = {"camera": "left", "instant": 0, "reason": "?"}
 LIES: dict[ProblemKind, dict[str, tuple[Callable[[Session], Any], str]]] = {
@@ -196,6 +202,8 @@ LIES: dict[ProblemKind, dict[str, tuple[Callable[[Session], Any], str]]] = {
             claim(lambda m: m["images"][0].update(gain=9.0), journal=False),
             f"differs from the manifest in {FIRST}",
         ),
+        "journal twice": (lambda s: change_journal(s, lambda lines: [*lines, lines[0]]), "line 6 repeats"),
+        "journal has less": (lambda s: change_journal(s, lambda lines: lines[1:]), f"no entry for {FIRST}"),
         "journal has more": (claim(lambda m: m["images"].pop(0), journal=False), f"lacks {FIRST}"),
         "calibration of another": (calibrate("top", 16), "top"),
         "calibration of another size": (calibrate("left", 99), "99x12"),
@@ -294,6 +302,9 @@ def as_sure_as_its_stamps(manifest: dict[str, Any]) -> None:
     "change",
     [
         lambda manifest: without(manifest, "local_ns"),
+        lambda manifest: manifest["images"][2].pop("local_ns"),
+        lambda manifest: manifest["cameras"][0]["facts"].update(stamp=EXACT),
+        hold_within(9_000),
         lambda manifest: (without(manifest, "uncertainty_ns"), as_sure_as_its_stamps(manifest)),
         without_clock,
         with_common_times,

@@ -36,9 +36,13 @@ class Wire:
         self.sent, self.buffered, self.rate = bytearray(), 0.0, rate
         self.is_aborted = self.is_closed = False
         self.transport = self
+        self.options: list[tuple[int, ...]] = []
 
     def get_extra_info(self, name: str) -> Any:
-        return ("192.0.2.7", 5) if name == "peername" else None
+        return {"peername": ("192.0.2.7", 5), "socket": self}.get(name)
+
+    def setsockopt(self, *option: int) -> None:
+        self.options.append(option)
 
     def get_write_buffer_size(self) -> int:
         return int(self.buffered)

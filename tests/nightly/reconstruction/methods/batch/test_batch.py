@@ -10,10 +10,10 @@ from tests.unit.reconstruction.conftest import Reconstruct
 def test_shards_make_the_same_splats_as_one_command(
     boards: Session, tmp_path: Path, reconstruct: Reconstruct
 ) -> None:
-    asked = ("batch", boards.folder, "--instants", "2-3", "--splats", "--jobs", 1)
-    reconstruct(*asked, "--out", tmp_path / "whole")
-    for extra in (("--shard", "1/2"), ("--shard", "2/2"), ("--summary",)):
-        reconstruct(*asked, *extra, "--out", tmp_path / "parts")
+    asked, alone = ("batch", boards.folder, "--instants", "2-3", "--splats"), ("--jobs", 1)
+    assert reconstruct(*asked, *alone, "--out", tmp_path / "whole").code == 0
+    for extra in ((*alone, "--shard", "1/2"), (*alone, "--shard", "2/2"), ("--summary",)):
+        assert reconstruct(*asked, *extra, "--out", tmp_path / "parts").code == 0
     whole, parts = (
         {
             path.relative_to(tmp_path / name): path.read_bytes()

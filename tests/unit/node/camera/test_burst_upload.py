@@ -123,42 +123,6 @@ def test_frames_that_are_selected_after_the_leader_has_decided_are_not_taken() -
     assert [frame.instant for frame in upload.frames] == [0]
 
 
-def test_nothing_is_taken_of_a_cancelled_burst() -> None:
-    upload = burst_upload(Picture(DATA[0]))
-    upload.end()
-    upload.extend(further(FRAMES[1], gaps=(2,)))
-    assert (upload.state, [*upload.frames]) == (UploadState.OVER, [])
-    assert upload.report.plan.missing == ()
-
-
-def test_what_is_selected_after_the_end_of_a_recording_changes_nothing() -> None:
-    upload = burst_upload()
-    upload.streamed = True
-    upload.extend(further(FRAMES[0], gaps=(1,), over=2, ended=True))
-    before = upload.current_report((0,))
-    upload.extend(further(FRAMES[2], gaps=(3,), over=4, ended=True))
-    assert upload.current_report((0,)) == before
-    assert [frame.instant for frame in upload.frames] == [0]
-
-
-def test_a_late_selection_takes_no_decided_instant_back() -> None:
-    upload = burst_upload()
-    upload.streamed = True
-    upload.extend(further(FRAMES[2], over=3))
-    upload.extend(further(FRAMES[1], over=2))
-    upload.stop_selecting()
-    assert upload.current_report().plan.picked == 3
-
-
-def test_frames_after_the_end_that_the_leader_knows_are_not_stored() -> None:
-    upload = burst_upload()
-    upload.streamed = True
-    upload.take(UploadInput.REPORTED)
-    upload.commit(None, 1)
-    upload.extend(further(*FRAMES[:3], over=3))
-    assert [frame.instant for frame in upload.frames] == [0]
-
-
 def test_an_image_in_whose_place_the_leader_has_another_is_kept_and_offered_to_the_next(spool: Spool) -> None:
     upload = sending(spooled_upload(spool, 0, 1))
     image = upload.images[0]

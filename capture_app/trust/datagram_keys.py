@@ -60,7 +60,8 @@ class ClientKeys:
         if (client := self._clients.get(key_id)) is None:
             raise SealError(Refused.UNKNOWN_KEY)
         message = client.seal.open(data)
-        if client.address != address:
+        # Another client may have had the address in between.
+        if self._at.get(address) is not client:
             self._release_address(client)
             client.address, self._at[address] = address, client
         # Move it to the end: the least recently used key is forgotten first.

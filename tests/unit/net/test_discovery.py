@@ -2,19 +2,11 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
-from unittest.mock import MagicMock, patch
 
 import pytest
 
 from capture_app import __version__
-from capture_app.common.address import Address
-from capture_app.common.pairing_codes import Role
-from capture_app.net import discovery
-from capture_app.net.discovery import NOBODY, announced_hosts, search_leaders
-from capture_app.protocol.pairing_messages import FoundLeader
-from capture_app.trust.trust import Trust
-from tests.unit.net.ports import answering, closed_port
+from capture_app.net.discovery import NOBODY, announced_hosts
 
 from .machines import Machine, two_machines
 
@@ -61,21 +53,6 @@ def test_a_leader_is_found_and_a_relay_beside_it_is_left_alone(machines: tuple[M
     assert found == [f"found 10.77.0.1:47020 studio-47020 '{__version__}'"]
 
 
-def test_of_several_leaders_all_are_found_but_those_that_do_not_answer(
-    machines: tuple[Machine, Machine],
-) -> None:
-    leader, node = machines
-    with announcing(leader, "leader:47030:a", "leader:47031:b", "silent-leader:47032:c"):
-        found = searched_until(node, ["10.77.0.1:47030", "10.77.0.1:47031"])
-    assert [line.split()[2] for line in found] == ["a-47030", "b-47031"]
-
-
-def test_a_relay_is_found_where_there_is_no_leader(machines: tuple[Machine, Machine]) -> None:
-    leader, node = machines
-    with announcing(leader, "relay:47040:gate"):
-        assert searched(node) == [f"found 10.77.0.1:47040 gate-47040 '{__version__}'"]
-
-
 def test_one_that_is_started_later_is_found_then_and_what_it_tells_steers_no_terminal(
     machines: tuple[Machine, Machine],
 ) -> None:
@@ -104,39 +81,6 @@ def test_what_is_in_the_way_to_one_that_is_announced_is_said(machines: tuple[Mac
     finally:
         search.kill()
         search.communicate()
-
-
-@pytest.mark.parametrize("is_open", [False, True])
-async def test_of_several_leaders_the_one_followed_last_is_found_alone(is_open: bool, tmp_path: Path) -> None:
-    trust = Trust.open() if is_open else Trust(tmp_path)
-    async with answering() as first, answering() as second, answering() as third:
-        places = {"7": first, "8": second, "9": third}
-        if not is_open:
-            for key in places:
-                trust.known.add(key, Role.LEADER)
-        leaders = [FoundLeader(key, (place,), key=key) for key, place in places.items()]
-        browser = MagicMock(spec=discovery.LeaderBrowser, found=leaders)
-        browser.__aenter__.return_value = browser
-
-        async def found(**followed: tuple[Address, ...]) -> list[str]:
-            memory = {key.removeprefix("of"): addresses for key, addresses in followed.items()}
-            answers = await search_leaders(lambda: (), print, trust=trust, followed=memory)
-            return [leader.name for leader in answers]
-
-        with (
-            patch.object(discovery, "LeaderBrowser", return_value=browser),
-            patch.multiple(discovery, OTHERS_S=0.01, SAY_S=0.1),
-        ):
-            assert await found(of7=(), of8=(third,)) == ["8"], "its key counts more than its address"
-            assert await found(of5=(third,)) == (["9"] if is_open else ["7", "8", "9"])
-            assert await found(of5=(closed_port(),)) == ["7", "8", "9"]
-
-
-async def test_this_machines_own_leader_comes_first() -> None:
-    said: list[str] = []
-    async with answering() as leader:
-        (found,) = await search_leaders(lambda: (closed_port(), leader), said.append)
-    assert (found.addresses[0], said) == (leader, [])
 
 
 def test_what_only_this_machine_reaches_is_not_announced() -> None:

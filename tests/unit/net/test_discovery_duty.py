@@ -216,11 +216,14 @@ class Search:
         search = self
 
         class Browser(LeaderBrowser):
+            is_listening = False
+
             async def refresh(self) -> None:
-                pass
+                self.is_listening = True
 
             @property
             def found(self) -> tuple[FoundLeader, ...]:
+                assert self.is_listening
                 return tuple(of for at_s, of in search.leaders if search.now_s() >= at_s)
 
         monkeypatch.setattr(discovery, "LeaderBrowser", Browser)

@@ -26,7 +26,6 @@ from capture_app.session.files.locks import lock_folder, lock_handle
 from capture_app.session.format.manifest import JOURNAL, MANIFEST, BurstRecord, ImageRecord, inside
 from capture_app.session.library.listing import list_sessions
 from capture_app.session.reading.reader import Session, is_being_written
-from capture_app.session.writing import image_store
 from capture_app.session.writing.session_writer import SessionWriter
 from tests.project import ROOT
 
@@ -89,34 +88,13 @@ def test_many_images_are_in_the_session_after_one_sync(tmp_path: Path) -> None:
         assert (writer.folder / JOURNAL).read_bytes().count(b"\n") == 3
 
 
-def test_of_two_images_of_one_instant_the_first_is_saved(tmp_path: Path) -> None:
-    first = replace(frame("left", 0), true_ns=None)
-    other = replace(first, data=jpeg(1), record=msgspec.structs.replace(first.record, bytes=len(jpeg(1))))
-    with SessionWriter.create(tmp_path, "small") as writer:
-        writer.append([first], in_videos=False)
-        writer.append([other], in_videos=False)
-        writer.sync("left")
-        assert writer.image("left", 0) == first.record
-        assert (writer.folder / first.record.path).read_bytes() == first.data
-
-
-@pytest.mark.parametrize("fails", ["append", "sync"])
-def test_images_that_could_not_all_be_saved_leave_no_file(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fails: str
-) -> None:
+def test_an_image_whose_path_is_not_its_own_is_refused_with_its_batch(tmp_path: Path) -> None:
     first, second = (replace(frame("left", instant), true_ns=None) for instant in (0, 1))
-    if fails == "append":
-        second = replace(second, record=msgspec.structs.replace(second.record, path="../000001.jpg"))
-    full = OSError(28, "No space left on device")
+    outside = replace(second, record=msgspec.structs.replace(second.record, path="../000001.jpg"))
     with SessionWriter.create(tmp_path, "small") as writer:
-        if fails == "sync":
-            monkeypatch.setattr(image_store, "sync_all", lambda _: {tmp_path: full})
-        with pytest.raises(SimulshotError):
-            writer.save([first, second], in_videos=False)
-        monkeypatch.undo()
-        assert [*writer.folder.rglob("*.jpg")] == []
-        writer.save([first], in_videos=False)
-        assert writer.image("left", 0) == first.record
+        with pytest.raises(BadInputError):
+            writer.save([first, outside])
+        assert [*tmp_path.rglob("*.jpg")] == []
 
 
 def test_a_session_is_never_overwritten(session: Session) -> None:

@@ -2,21 +2,19 @@
 
 import hashlib
 import json
-import os
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from capture_app.cli import run
-from capture_app.common.errors import BadInputError, DiskError, DiskFullError, ExitCode
+from capture_app.common.errors import BadInputError, DiskError, ExitCode
 from capture_app.companions.exporting.export_session import export_session
 from capture_app.session.library.changes import set_note
 from capture_app.session.library.listing import read_card
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.take_sheet import TakeSheet
 from capture_app.session.reading.verify import verify
-from capture_app.session.writing import video_store
 from capture_app.session.writing.recovery import SET_ASIDE
 from capture_app.session.writing.session_writer import SessionWriter
 from tests.unit.session.recorded import frame, record, save_frames
@@ -125,17 +123,6 @@ def test_frames_that_cannot_be_read_are_refused(recording: Session) -> None:
         verify(session)
 
 
-def test_a_frame_that_comes_twice_is_there_once(tmp_path: Path) -> None:
-    writer = SessionWriter.create(tmp_path, "twice")
-    save_frames(writer, frame("right", 1))
-    session = record(writer)
-    assert verify(session) == []
-    right = [image.instant for image in session.manifest.images if image.camera == "right"]
-    assert right == [0, 1], "in order, though they came in another one"
-    size = (session.folder / "videos/rig1/right.mjpeg").stat().st_size
-    assert size == len(jpeg(0, 32, 24) + jpeg(1, 32, 24))
-
-
 def test_what_is_left_of_a_torn_line_moves_no_other(tmp_path: Path) -> None:
     writer = SessionWriter.create(tmp_path, "torn")
     save_frames(writer, *(frame("left", instant) for instant in range(3)))
@@ -189,19 +176,6 @@ def test_a_video_that_a_person_has_deleted_has_no_further_frame(tmp_path: Path) 
         with pytest.raises(DiskError):
             writer.save([frame("left", 1)], in_videos=True)
         assert not writer.has("left", 1)
-
-
-def test_a_full_disk_leaves_no_part_of_a_frame(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def half(handle: int, data: bytes) -> None:
-        os.write(handle, data[: len(data) // 2])
-        raise OSError(28, "No space left on device")
-
-    with SessionWriter.create(tmp_path, "full") as writer:
-        save_frames(writer, frame("left", 0))
-        monkeypatch.setattr(video_store, "write_all", half)
-        with pytest.raises(DiskFullError):
-            writer.save([frame("left", 1)], in_videos=True)
-        assert (writer.folder / VIDEO).read_bytes() == jpeg(0, 32, 24)
 
 
 def flip(path: Path, old: bytes = b"", new: bytes = b"") -> None:

@@ -12,14 +12,14 @@ import pytest
 from msgspec import structs
 
 from capture_app.cli import run
-from capture_app.common.errors import BadInputError, DiskFullError, SimulshotError
+from capture_app.common.errors import BadInputError, SimulshotError
 from capture_app.session.format.burst_plan import CameraPlan, InstantRange, read_plan
 from capture_app.session.format.journal import TRUE_TIMES_JOURNAL, ground_truth_path
 from capture_app.session.format.manifest import JOURNAL, MANIFEST, MissingImage
 from capture_app.session.reading.checksums import changed_files
 from capture_app.session.reading.reader import INCOMING, Session, writing_state
 from capture_app.session.reading.verify import verify
-from capture_app.session.writing import image_store, session_writer
+from capture_app.session.writing import session_writer
 from capture_app.session.writing.recovery import RESERVE, SET_ASIDE
 from capture_app.session.writing.session_writer import SessionWriter
 from tests.unit.session.conftest import CLOCK, calibration_of, camera_record
@@ -275,15 +275,3 @@ def test_a_session_that_the_disk_refuses_leaves_no_folder(
     with pytest.raises(SimulshotError):
         SessionWriter.create(tmp_path, "refused")
     assert not (tmp_path / "refused").exists()
-
-
-def test_an_image_that_finds_no_room_is_said_to(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """That there is no file of it to delete is no error."""
-
-    def full(*_: object, **__: object) -> None:
-        raise OSError(28, "No space left on device")
-
-    with SessionWriter.create(tmp_path, "small") as writer:
-        monkeypatch.setattr(image_store, "write_atomic", full)
-        with pytest.raises(DiskFullError):
-            writer.save([replace(frame("left", 0), true_ns=None)])

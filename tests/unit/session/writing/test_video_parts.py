@@ -7,14 +7,14 @@ from pathlib import Path
 import pytest
 
 from capture_app.common.errors import DiskError
-from capture_app.session.format.manifest import BurstRecord, video_of, video_path
+from capture_app.session.format.manifest import video_of, video_path
 from capture_app.session.library.listing import read_card
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verdict import frames_lost
 from capture_app.session.reading.verify import verify
 from capture_app.session.writing import video_store
 from capture_app.session.writing.session_writer import SessionWriter
-from tests.unit.session.conftest import INSTANTS, camera_record, jpeg
+from tests.unit.session.conftest import jpeg
 from tests.unit.session.recorded import frame, record, save_frames
 
 PARTS = ["left.mjpeg", "left+2.mjpeg", "left+3.mjpeg"]
@@ -75,26 +75,6 @@ def test_a_frame_that_fits_into_no_file_and_a_broken_disk_are_errors(
         with pytest.raises(DiskError):
             writer.save([frame("left", n) for n in (1, 2)], in_videos=True)
         assert [*writer.instants_of("left")] == [0]
-
-
-@pytest.mark.usefixtures("one_frame_a_part")
-def test_an_interrupted_recording_goes_on_after_its_last_part(tmp_path: Path) -> None:
-    with SessionWriter.create(tmp_path, "walk") as writer:
-        save_frames(writer, frame("left", 2), frame("right", 0))
-        save_frames(writer, frame("left", 0))
-        writer.append([frame("left", 1)], in_videos=True)
-    # What was not synced counts as lost; a late frame lies in a later part.
-    with (tmp_path / "walk" / "videos" / "rig1" / "left+2.mjpeg").open("ab") as video:
-        video.write(b"torn")
-    writer = SessionWriter(tmp_path / "walk", "walk")
-    assert [*writer.instants_of("left")] == [0, 2]
-    save_frames(writer, frame("left", 2), frame("left", 1), frame("right", 1))
-    session = writer.finish(
-        [camera_record(name, width=32, height=24) for name in ("left", "right")],
-        BurstRecord(instants_ns=INSTANTS, period_ns=33_000_000),
-        [],
-    )
-    assert [image.instant for image in session.manifest.images if image.camera == "left"] == [0, 1, 2]
 
 
 def test_a_part_has_a_name_that_no_camera_has() -> None:

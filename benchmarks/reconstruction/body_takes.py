@@ -428,7 +428,7 @@ def main() -> None:
                         "false number": known
                         and off_ms > (timing.uncertainty_ms or 0) + 0.1
                         and not timing.reason,
-                        "false story": bool(timing.change),
+                        "false story": bool(timing.change) or "changes over the take" in timing.reason,
                     }
                     sums.update([words, *(fault for fault, holds in faults.items() if holds)])
                     sums.update(

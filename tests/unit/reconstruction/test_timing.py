@@ -238,6 +238,14 @@ def test_a_slow_drift_whose_ends_are_off_is_not_certified() -> None:
     assert slower.reason == "the offset changes over the take, to +3.5 ms"
 
 
+def test_a_slope_within_the_error_of_a_clear_offset_is_not_called_a_change() -> None:
+    """A take 6 ms late beside a television was said to change to +8.0 ms; its offset was 5.6 ± 2.0 ms."""
+    slope = [5.6 + 0.2 * (k - 10) for k in range(21)]
+    within, beyond = (judged(5.6, sd_ms, *slope) for sd_ms in (1.0, 0.5))
+    assert (within.offset, within.reason) == (True, "")
+    assert (beyond.offset, beyond.reason) == (True, "the offset changes over the take, to +7.6 ms")
+
+
 def test_a_calibration_that_does_not_fit_leaves_nothing_to_depth() -> None:
     found = judge_timing(PAIR, OffsetFit(reason="it does not fit", misfit_px=12.8), 0.0, FRAME_MS)
     assert with_curve_peak(found, dict.fromkeys(range(8), 33.3), FRAME_MS) == found

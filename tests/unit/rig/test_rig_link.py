@@ -3,11 +3,14 @@
 import asyncio
 from contextlib import suppress
 from pathlib import Path
+from typing import Any, cast
 
 import pytest
 from msgspec.structs import replace
 
+from capture_app.common.address import Address
 from capture_app.common.errors import BadInputError
+from capture_app.protocol.orders import LogAnswer
 from capture_app.protocol.status import LogLine, Preview, RigStatus
 from capture_app.rig.rig_link import LinkLost, RigLink, Update, camera_named
 from tests.cheap_rig import cheap_cameras, start_leader
@@ -54,6 +57,15 @@ async def test_a_link_that_is_lost_opens_again_with_its_previews(tmp_path: Path,
     following.cancel()
     with suppress(asyncio.CancelledError):
         await following
+
+
+async def test_lines_of_the_log_that_a_reopened_connection_sends_again_are_told_once() -> None:
+    link, told = RigLink(Address("127.0.0.1", 1)), list[Update]()
+    lines = tuple(LogLine(unix_ns=number, text=f"line {number}") for number in (1, 2, 3))
+    for upto in (2, 2, 3):
+        async for update in link._read(cast(Any, None), LogAnswer(lines=lines[:upto])):
+            told.append(update)
+    assert told == [*lines]
 
 
 def test_a_person_means_a_camera_by_its_label_and_then_by_its_name() -> None:

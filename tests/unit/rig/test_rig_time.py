@@ -1,7 +1,9 @@
 """The rig's time for an operator, and marks at it: within the bounds, in the session, for nobody else."""
 
+import asyncio
 import time
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -9,6 +11,7 @@ from capture_app import open_session
 from capture_app.common.errors import BadInputError, UnknownMachineError
 from capture_app.common.host_clock import host_from_monotonic
 from capture_app.common.pairing_codes import Role
+from capture_app.net import channel
 from capture_app.rig.rig_time import LeaderTime, place_mark, rig_time
 from capture_app.session.format.marks import RIG_MARKS, Mark, marks_of
 from capture_app.session.writing.session_writer import SessionWriter
@@ -54,6 +57,24 @@ async def test_without_a_take_it_is_beside_the_sessions(tmp_path: Path) -> None:
                 await place_mark(address, text)
     lines = (tmp_path / "sessions" / RIG_MARKS).read_bytes().splitlines()
     assert [mark.text for mark in marks_of(lines)] == ["one", "two", "a minute ago"]
+
+
+async def test_a_mark_is_at_its_call_however_long_the_connection_takes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    connected_ns = 0
+
+    async def connect(*arguments: Any) -> Any:
+        nonlocal connected_ns
+        await asyncio.sleep(0.05)
+        connected = await channel.connect(*arguments)
+        connected_ns = time.perf_counter_ns()
+        return connected
+
+    async with rig_of(0, tmp_path) as leader:
+        monkeypatch.setattr("capture_app.rig.rig_time.connect", connect)
+        mark = (await place_mark(leader.own_address, "now")).mark
+    assert mark.leader_ns - mark.uncertainty_ns < host_from_monotonic(connected_ns) - 40_000_000
 
 
 @pytest.mark.parametrize("role", [None, Role.CAMERA])

@@ -139,6 +139,21 @@ async def test_the_next_run_takes_up_what_was_interrupted_and_what_comes_late(tm
         await other.reopen(stranger, 0)
 
 
+async def test_a_finished_session_answers_under_its_new_name_and_not_who_still_films(tmp_path: Path) -> None:
+    session = await begun_session(tmp_path, "a")
+    whole = report("a", 0, 1)
+    await session.accept_report(whole, 0)
+    for instant in (0, 1):
+        await receive_image(session, upload("a", instant), pieces(IMAGE))
+    await session.finish_now("it is whole")
+    resumed = ResumedBursts(tmp_path, lambda _: None, DISK)
+    assert await resumed.answer_finished(whole, "") is not None
+    session.folder.rename(tmp_path / "renamed")
+    assert await resumed.answer_finished(whole, "") is not None
+    filming = msgspec.structs.replace(whole, plan=msgspec.structs.replace(whole.plan, picking=True))
+    assert await resumed.answer_finished(filming, "") is None
+
+
 async def test_a_session_without_room_on_its_disk_is_not_opened_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

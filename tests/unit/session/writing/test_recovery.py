@@ -72,6 +72,21 @@ def test_a_half_written_image_is_deleted_and_a_foreign_file_is_set_aside(tmp_pat
     SessionWriter.resume(take.folder).abort()
     assert [path.name for path in (take.folder / "images").rglob("*.*")] == ["000000.jpg"]
     assert [path.name for path in (take.folder / SET_ASIDE).rglob("*.*")] == ["000001.jpg"]
+    (take.folder / "images/rig1/cam0/000001.jpg").write_bytes(b"y")
+    SessionWriter.resume(take.folder).abort()
+    aside = (take.folder / SET_ASIDE).rglob("*.*")
+    assert sorted(path.read_bytes() for path in aside) == [b"x", b"y"], "both are kept"
+
+
+def test_an_intact_manifest_is_believed_where_the_journal_says_otherwise(tmp_path: Path) -> None:
+    take = Take(tmp_path)
+    journal = take.write().folder / JOURNAL
+    first, *others = map(json.loads, journal.read_text().splitlines())
+    altered = first | {"sha256": "0" * 64}
+    journal.write_text("\n".join(map(json.dumps, (altered, *others))) + "\n")
+    with SessionWriter.resume(take.folder) as writer:
+        assert {*writer.images.records} == {*take.places}
+    assert not (take.folder / SET_ASIDE).exists()
 
 
 def test_images_of_a_manifest_that_a_newer_version_wrote_are_those_of_the_journal(tmp_path: Path) -> None:

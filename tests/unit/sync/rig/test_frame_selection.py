@@ -110,6 +110,26 @@ def test_a_later_trigger_of_a_recording_can_only_end_it_earlier() -> None:
     assert spans_ns == [(0, 9000), (0, 3000), (0, 3000)]
 
 
+def test_a_recording_ends_no_earlier_than_what_was_selected_when_its_end_came() -> None:
+    """Its instants would never be over otherwise, and it would be pending for ever."""
+    selection, grid = FrameSelection[int](), CameraGrid(FrameGrid(0, 1000))
+    selection.add(Trigger(0, 1, 1, 0, 1000, 10, streamed=True))
+    ring = ring_of([n * 1000 for n in range(6)])
+    selected = list[int]()
+
+    def select(now_ns: int) -> None:
+        for found in selection.select_due(
+            ring, cast(Any, None), grid, time_map(), now_ns=now_ns, is_member=False
+        ):
+            selected.extend(pick.instant for pick in found.frames)
+
+    select(5000)
+    selection.add(Trigger(0, 1, 1, 0, 1000, 2, streamed=True))
+    select(20_000)
+    assert len(selected) > 2
+    assert not selection
+
+
 def test_the_past_reaches_as_far_as_the_ring_buffer() -> None:
     ring = ring_of([n * PERIOD_NS for n in range(100)], span_ns=9 * PERIOD_NS)
     picks, gaps = pick_frames(ring, time_map(), (50 * PERIOD_NS, 95 * PERIOD_NS), PERIOD_NS)

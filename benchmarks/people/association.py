@@ -25,7 +25,7 @@ from benchmarks.people.scores import SAME_M
 from benchmarks.report import Columns, Report, new_parser, print_report, print_rows
 from capture_app.common.optional_packages import is_here
 from reconstruction.methods.people.assignment import assign
-from reconstruction.methods.people.joint_positions import locate, projection_of
+from reconstruction.methods.people.joint_positions import locate
 from reconstruction.methods.people.people_run import MIN_JOINTS
 
 POSE2SIM = "Pose2Sim.personAssociation"
@@ -145,7 +145,7 @@ def _located(scene: SceneOfPeople, folder: Path, k: int) -> Floats:
                 rows[camera, number] = np.reshape(person["pose_keypoints_2d"], (len(JOINTS), 3))
     confidence = np.nan_to_num(rows[..., 2]).reshape(len(rows), -1)
     variances = np.where(confidence > 0, 100 / np.maximum(confidence, 1e-3) ** 2, np.inf)
-    projections = np.array([projection_of(camera.view) for camera in scene.frames.values()])
+    projections = np.array([camera.view.projection for camera in scene.frames.values()])
     points = locate(projections, rows[..., :2].reshape(len(rows), -1, 2), variances).points
     persons = points.reshape(-1, len(JOINTS), 3)
     return np.asarray(persons[np.isfinite(persons).all(axis=2).mean(axis=1) >= MIN_JOINTS])

@@ -69,6 +69,11 @@ class View:
         )
 
     @property
+    def projection(self) -> Array:
+        """The matrix (3, 4) that projects rig points to pixels without distortion."""
+        return np.asarray(self.matrix @ np.column_stack([self.rotation, self.translation]))
+
+    @property
     def undistorted(self) -> Self:
         """The same view without lens distortion, as undistorted images have it."""
         return replace(self, distortion=np.zeros(5), is_fisheye=False)

@@ -205,7 +205,7 @@ def find_edge_time(edge: BlinkEdge, ramp: Ramp) -> EdgeTime | None:
     at = edge.rough_ms
     for _ in range(3):
         at, _ = edge.place(at, half_width, ramp)
-        half_width /= 10
+        half_width /= 10  # to three steps of the search
     part = (edge.times_ms - at) / width_ms + 0.5
     inside = (part > 0) & (part < 1)
     if np.unique(np.floor(part[inside] * 20)).size / 20 < COVERED:

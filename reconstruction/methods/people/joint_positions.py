@@ -196,11 +196,6 @@ def radius_95(covariance: Array) -> Array:
     return np.asarray(np.sqrt(mean * (1 - ninth + QUANTILE_95 * np.sqrt(ninth)) ** 3))
 
 
-def projection_of(view: View) -> Array:
-    """Return a view's projection (3, 4) to pixels without distortion."""
-    return np.asarray(view.matrix @ np.column_stack([view.rotation, view.translation]))
-
-
 class JointLocator:
     """The cameras of a rig as they locate joints, with the errors that joints share."""
 
@@ -210,7 +205,7 @@ class JointLocator:
         """`bias` (joints,): see `detector_bias`, None = 0. `errors_s` (cameras,): sd of their times."""
         self.errors_s, self.scale_error = errors_s, scale_error
         self.bias = np.zeros(1) if bias is None else bias
-        self.projections = np.array([*map(projection_of, views)]).reshape(-1, 3, 4)
+        self.projections = np.array([view.projection for view in views]).reshape(-1, 3, 4)
         self.middle = np.mean([view.centre for view in views], axis=0)
         self.focal = np.array([view.focal for view in views])
         # A detector errs by a fraction of a person's size: by more pixels in a camera of more pixels.

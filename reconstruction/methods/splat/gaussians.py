@@ -88,8 +88,10 @@ def make_gaussians(moment: Moment, backdrop: Backdrop | None = None) -> Gaussian
     made, earlier, first = [], list[SeenView](), 0
     for seen in moment.values():
         new = seen.depth > 0
+        points = seen.view.unproject_map(seen.depth, new)
         for other in earlier:
-            new[new] = ~_has_surface(other, seen.view.unproject_map(seen.depth, new))
+            kept = ~_has_surface(other, points)
+            new[new], points = kept, points[kept]
         made += [_surface_elements(seen, *pixels, first) for pixels in _blocks(seen, new)]
         earlier.append(seen)
         first += seen.depth.size

@@ -75,7 +75,6 @@ def follow(
     progress.total = len(views)
     for name, view in views.items():
         progress.step(name)
-        projection = view.matrix @ np.column_stack([view.rotation, view.translation])
         there = [k for k in chosen if dataset.has_image(name, k)]
         images, total = (dataset.grey(name, k) for k in there), len(dataset.instants(name))
         middles = find_moving_points(images, motion.background(name), total)
@@ -83,7 +82,7 @@ def follow(
             if point is None:
                 continue
             times_ms.append(float(times.of_rows_ms(name, k, point[1:])[0]))
-            projections.append(projection)
+            projections.append(view.projection)
             pixels.append(view.undistort(point[None])[0])
             counted[name] = counted.get(name, 0) + 1
     if len(counted) < 2 or len(times_ms) < MIN_FRAMES:

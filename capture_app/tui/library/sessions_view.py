@@ -177,8 +177,9 @@ class SessionsView(ModeView):
         self.on_row_list_chosen(SessionRows.Chosen())
 
     def focus_first(self) -> None:
-        """Focus the list, or the session shown in full."""
-        (self._pane.sheet if self.has_class("-whole") else self._rows).focus()
+        """Focus the list, the session shown in full, or the mode where there is no session."""
+        list_or_mode = self._rows if self._rows.display else self
+        (self._pane.sheet if self.has_class("-whole") else list_or_mode).focus()
 
     def on_record_changed(self, message: RecordChanged) -> None:
         """Update the runs shown on the sessions."""
@@ -260,8 +261,10 @@ class SessionsView(ModeView):
         return next((one for one in ORDERS if one == self._settings.recall("sessions.order", "")), ORDERS[0])
 
     def _show(self) -> None:
+        if self._cards is None:
+            return
         words = self._find.value if self._find.display else ""
-        entries = arrange(self._cards or [], self._samples, self._order, words, self._rows.further)
+        entries = arrange(self._cards, self._samples, self._order, words, self._rows.further)
         nothing_chosen = not self._rows.chosen
         self._rows.show_items({entry.key: entry for entry in entries})
         if nothing_chosen:
@@ -271,7 +274,10 @@ class SessionsView(ModeView):
             if self._choose_saved([e for e in entries if target in (Path(e.key), Path(e.key).parent)]):
                 self._target = None
         self._rows.display = bool(entries)
-        self._empty.display = not entries and self._cards is not None
+        if self._rows.has_focus or self.has_focus:
+            # A hidden list would lose the focus to nothing, and no key of the mode would work.
+            self.focus_first()
+        self._empty.display = not entries
         text = (
             f"No session in {printable(str(self._listing.root))} yet: "
             f"in Shoot (key 2), space takes one{'; I imports videos' * CAN_IMPORT}."

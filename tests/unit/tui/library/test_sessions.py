@@ -12,10 +12,11 @@ from capture_app.session.library.changes import RESULTS, TRASH, trash_session, t
 from capture_app.session.library.listing import SessionCard, SessionListing
 from capture_app.session.writing.session_writer import SessionWriter
 from capture_app.tui.library.session_rows import ORDERS, TakePane
-from capture_app.tui.question import Question
+from capture_app.tui.question import Question, TextQuestion
 from capture_app.tui.screen_settings import Settings
 from tests.unit.session.conftest import camera_record
-from tests.unit.tui.driving import settle, toasts, until
+from tests.unit.tui.driving import make_app, settle, toasts, until
+from tests.unit.tui.fake_rig import FakeRig
 from tests.unit.tui.library.screen import choose, library, names, rows, text, view
 from tests.unit.tui.takes import make_take
 
@@ -38,6 +39,25 @@ async def test_a_folder_that_takes_longer_to_read_than_until_the_next_look_is_sh
     monkeypatch.setattr(SessionListing, "read", read_slowly)
     async with library(sessions) as pilot:
         assert set(names(pilot)) == {"one", "two", "three"}
+        await choose(pilot, "one")
+
+
+async def test_keys_work_in_a_folder_without_sessions_and_on_its_first(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("capture_app.tui.app.find_samples", lambda sessions: None)
+    monkeypatch.setattr("capture_app.tui.library.sessions_view.LOOK_AGAIN_S", 0.05)
+    app = make_app(FakeRig(1), sessions=tmp_path)
+    async with app.run_test(size=(120, 40), notifications=True) as pilot:
+        await pilot.press("3")
+        await until(pilot, lambda: app.screen.query_one("#sessions-empty").display)
+        await pilot.press("u")
+        await until(pilot, lambda: toasts(app))
+        make_take(tmp_path, name="first")
+        await until(pilot, lambda: rows(app).keys)
+        await choose(pilot, "first")
+        await pilot.press("n")
+        await until(pilot, lambda: isinstance(app.screen, TextQuestion))
 
 
 async def test_the_best_synchronized_is_marked_and_sorted_first(sessions: Path) -> None:

@@ -120,6 +120,8 @@ class Evidence:
     leader's run, burst, camera, ordered instant."""
     synced: dict[tuple[int, int, str, int], tuple[str, int]] = field(default_factory=dict)
     """Images that a node counts as safe in its own spool, as `confirmed`."""
+    led: list[tuple[int, str]] = field(default_factory=list)
+    """True times from which a machine leads, with the machine."""
     aligned: list[tuple[str, str, int]] = field(default_factory=list)
     """Cameras that have become ready at a leader, with its machine and the true time."""
     marks: list[MarkOfDesk] = field(default_factory=list)

@@ -45,6 +45,8 @@ MAX_HELD_S = 0.1
 """Processor time of one step of a leader's event loop, which hears nobody meanwhile."""
 STAMP_NOISE_NS = 20_000
 """More than the noise of a virtual camera's timestamps: five times its deviation."""
+RATE_NS = 10_000_000
+"""Time over which a clock's rate is taken."""
 MAX_BARS = 2.0
 """Maximum error of a time in 95 % uncertainties, where no clock is slewed and links are as assumed."""
 MIN_LINKS, MAX_ERRORS = 40, 5.0
@@ -505,10 +507,11 @@ def _timed(rig: VirtualRig, sessions: Sessions) -> Iterator[str]:
     for of, saved, manifest in _judged(rig, sessions):
         # Of each kind and camera, the worst image is enough.
         worst: dict[tuple[str, str], tuple[float, str]] = {}
+        lost_ns = _lost_ns(rig, of)
         for image, true_ns, _ in saved.true_images:
             if image.camera in rig.plan.liars or image.hard_bound_ns is None:
                 continue
-            true_leader_ns = of.clock.local_from_true(true_ns)
+            true_leader_ns = _leader_ns(of, true_ns, lost_ns)
             error_ns = abs(image.leader_ns - true_leader_ns)
             is_typical = not is_slewed and image.camera not in (*rig.plan.lopsided, *rig.plan.phones)
             time = TimeError(image.camera, of.key, error_ns, image.uncertainty_ns or 0, is_typical)
@@ -518,6 +521,32 @@ def _timed(rig: VirtualRig, sessions: Sessions) -> Iterator[str]:
                 where = f"{of.name}: {image.camera} at {image.instant} {words}"
                 worst[kind, image.camera] = max(worst.get((kind, image.camera), (0.0, "")), (factor, where))
         yield from (words for _, words in worst.values())
+
+
+def _lost_ns(rig: VirtualRig, of: OrderedBurst) -> float:
+    """Return the true time at which a burst's leader was lost, if another one took over."""
+    taken_ns = min(
+        (at for at, machine in rig.evidence.led if at > of.ordered_ns and machine != of.machine),
+        default=math.inf,
+    )
+    ends = (
+        span.from_ns
+        for span in rig.evidence.spans
+        if span.target == of.machine and span.kind in SURVIVED and of.ordered_ns <= span.from_ns <= taken_ns
+    )
+    return taken_ns if math.isinf(taken_ns) else max(ends, default=taken_ns)
+
+
+def _leader_ns(of: OrderedBurst, true_ns: int, lost_ns: float) -> int:
+    """Return the time of a burst's leader, which goes on at its last rate when that leader is lost.
+
+    The next leader continues it so; what slews the clock of a lost one is in nobody's time.
+    """
+    if true_ns <= lost_ns:
+        return int(of.clock.local_from_true(true_ns))
+    last_ns = int(of.clock.local_from_true(int(lost_ns)))
+    rate = (last_ns - of.clock.local_from_true(int(lost_ns) - RATE_NS)) / RATE_NS
+    return last_ns + round((true_ns - int(lost_ns)) * rate)
 
 
 def _wrong_error(image: ImageRecord, time: TimeError) -> Iterator[tuple[str, float, str]]:

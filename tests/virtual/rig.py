@@ -204,6 +204,7 @@ class VirtualRig:
 
         async def lead(node: LeaderNode) -> None:
             self.leaders[machine] = node
+            self.evidence.led.append((self.world.now_ns, machine))
             self.world.note(machine, "leads")
             try:
                 await asyncio.Event().wait()

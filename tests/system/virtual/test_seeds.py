@@ -20,6 +20,7 @@ FOUND = {
     307: "a recording in which a clock was slewed as NTP daemons do contradicted its clock record",
     459: "frames of a node that was started again during a recording were not marked late",
     538: "a leader that was killed while it wrote a finished session again left it with its old manifest",
+    946: "the virtual rig held the next leader to a slew of the lost one's clock that ended after its loss",
     1040: "a failing disk's belated deletion took what a recording that went on had written since",
     1042: "a recording that ended within two seconds contradicted its clock record",
     1262: "a power cut took what a node had found in its spool: a run that was killed had not synced it",

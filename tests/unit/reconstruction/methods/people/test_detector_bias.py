@@ -31,5 +31,5 @@ def test_the_bias_widens_errors_by_the_size_of_a_person() -> None:
 
 
 def test_of_an_unknown_skeleton_no_bias_was_measured() -> None:
-    for name in ("coco_17", "body_25"):
+    for name in ("coco_17", "halpe_26"):
         assert detector_bias(SKELETONS[name]) == (None, "")

@@ -113,7 +113,11 @@ class JobsView(ModeView):
         held = " · paused while a burst is taken or saved" if self._runs.are_held and unfinished else ""
         jobs = f"{unfinished} to do{held}" if unfinished else count(len(runs), "job")
         write_border(self._rows, None, jobs)
-        self._show_log()
+        if self._log.size.width:
+            self._show_log()
+        else:
+            # It has no width to wrap to before it is laid out.
+            self.call_after_refresh(self._show_log)
         self.refresh_bindings()
 
     def _follow(self) -> None:

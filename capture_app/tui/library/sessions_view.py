@@ -181,6 +181,10 @@ class SessionsView(ModeView):
         list_or_mode = self._rows if self._rows.display else self
         (self._pane.sheet if self.has_class("-whole") else list_or_mode).focus()
 
+    def _keep_focus(self) -> None:
+        if self.screen.focused in (None, self, self._rows):
+            self.focus_first()
+
     def on_record_changed(self, message: RecordChanged) -> None:
         """Update the runs shown on the sessions."""
         if message.what is self._runs:
@@ -274,9 +278,8 @@ class SessionsView(ModeView):
             if self._choose_saved([e for e in entries if target in (Path(e.key), Path(e.key).parent)]):
                 self._target = None
         self._rows.display = bool(entries)
-        if self._rows.has_focus or self.has_focus:
-            # A hidden list would lose the focus to nothing, and no key of the mode would work.
-            self.focus_first()
+        # A list that is hidden loses the focus to nothing, and no key of the mode would work.
+        self.call_after_refresh(self._keep_focus)
         self._empty.display = not entries
         text = (
             f"No session in {printable(str(self._listing.root))} yet: "

@@ -21,7 +21,7 @@ from capture_app.tui.widgets.key_footer import KeyFooter
 from capture_app.tui.widgets.lines import Lines
 from capture_app.tui.widgets.picture import Picture, SharpTerminal
 from capture_app.tui.widgets.row_list import RowList
-from tests.unit.tui.driving import make_app, settle, toasts, until
+from tests.unit.tui.driving import make_app, settle, stand_still, toasts, until
 from tests.unit.tui.fake_rig import FakeRig
 from tests.unit.tui.jobs.found import add_comparison, add_depth, add_dose, add_job, add_panorama
 from tests.unit.tui.takes import make_take
@@ -84,7 +84,7 @@ async def test_jobs_of_earlier_runs_are_there(root: Path) -> None:
         await until(pilot, lambda: "✖ failed" in text(pilot))
         assert "✔ done" in text(pilot)
         assert "the right distance is found for 97 %" in text(pilot)
-        assert "$ reconstruct tolerance" in log(pilot)
+        await until(pilot, lambda: "$ reconstruct tolerance" in log(pilot))
         assert "the burst has one instant only" in log(pilot)
 
 
@@ -254,7 +254,7 @@ def test_the_list_looks_as_it_did(snap_compare: Any, root: Path, monkeypatch: py
         await until(pilot, lambda: "damaged" in text(pilot) and view(pilot).query_one(RowList).has_focus)
         said = view(pilot).query_one("#job-lines", Lines)
         await until(pilot, lambda: said.plain and said.size.height == len(said.plain))
-        await settle(pilot)
+        await stand_still(pilot)
 
     assert snap_compare(app, terminal_size=(120, 40), run_before=before)
 

@@ -28,13 +28,13 @@ async def test_no_explanation_is_cut_at_80_columns(sessions: Path) -> None:
         await choose(pilot, "one")
         for key in ("A", "e"):
             await pilot.press(key)
-            await settle(pilot)
+            await until(pilot, lambda: pilot.app.screen.query(OptionList))
             options = pilot.app.screen.query_one(OptionList)
             width = options.scrollable_content_region.width
             assert all(option.prompt.cell_length <= width - 2 for option in options.options)
             assert options.max_scroll_y == 0, "no format is out of sight"
             await pilot.press("escape")
-            await settle(pilot)
+            await until(pilot, lambda: not pilot.app.screen.query(OptionList))
 
 
 async def test_how_far_a_job_is_is_told_beside_its_session_at_once(
@@ -125,26 +125,27 @@ async def test_all_that_an_export_needs_is_said_at_once_and_before_its_folder(
     monkeypatch.setattr(exporter, "is_here", lambda module: module != "av")
     (sessions / "two" / "calibration.json").write_text("{}")
     async with library(sessions, (80, 24)) as pilot:
-        for name, row in (("one", "needs packages and a calibration"), ("two", "needs packages")):
+        needs = ("one", "needs packages and a calibration"), ("two", "needs packages")
+        for before, (name, row) in enumerate(needs):
             await choose(pilot, name)
             await pilot.press("e")
-            await settle(pilot)
+            await until(pilot, lambda: pilot.app.screen.query(OptionList))
             formats = pilot.app.screen.query_one(OptionList)
             place = formats.get_option_index("pose2sim")
             assert str(formats.get_option_at_index(place).prompt).endswith(f"  {row}")
             formats.highlighted = place
             await pilot.press("enter")
-            await settle(pilot)
+            await until(pilot, lambda before=before: len(toasts(pilot.app)) > before)
             assert not isinstance(pilot.app.screen, TextQuestion)
             said = toasts(pilot.app)[-1]
             assert said.startswith("An export to pose2sim needs\npackages: ")
             assert ("\na calibration: reconstruct calibrate makes one" in said) == (name == "one")
         await pilot.press("e")
-        await settle(pilot)
+        await until(pilot, lambda: pilot.app.screen.query(OptionList))
         pilot.app.screen.query_one(OptionList).highlighted = formats.get_option_index("nerfstudio")
         await pilot.press("enter")
-        await settle(pilot)
-        assert isinstance(pilot.app.screen, TextQuestion), "nothing is missing"
+        # Nothing is missing.
+        await until(pilot, lambda: isinstance(pilot.app.screen, TextQuestion))
 
 
 def test_the_options_of_a_board_are_those_that_the_command_takes_by_itself() -> None:

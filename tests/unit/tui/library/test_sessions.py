@@ -16,6 +16,7 @@ from capture_app.tui.question import Question, TextQuestion
 from capture_app.tui.screen_settings import Settings
 from tests.unit.session.conftest import camera_record
 from tests.unit.tui.driving import make_app, settle, toasts, until
+from tests.unit.tui.driving import text as said
 from tests.unit.tui.fake_rig import FakeRig
 from tests.unit.tui.library.screen import choose, library, names, rows, text, view
 from tests.unit.tui.takes import make_take
@@ -50,7 +51,7 @@ async def test_keys_work_in_a_folder_without_sessions_and_on_its_first(
     app = make_app(FakeRig(1), sessions=tmp_path)
     async with app.run_test(size=(120, 40), notifications=True) as pilot:
         await pilot.press("3")
-        await until(pilot, lambda: app.screen.query_one("#sessions-empty").display)
+        await until(pilot, lambda: "No session in" in said(app, "#sessions-empty"))
         await pilot.press("u")
         await until(pilot, lambda: toasts(app))
         make_take(tmp_path, name="first")

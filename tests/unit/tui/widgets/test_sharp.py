@@ -22,7 +22,7 @@ from capture_app.session.reading.take_sheet import TakeSheet
 from capture_app.tui.widgets.look import LookScreen
 from capture_app.tui.widgets.picture import Picture, SharpTerminal
 from tests.project import JUMPER, ROOT
-from tests.unit.tui.driving import finish_work
+from tests.unit.tui.driving import finish_work, until
 from tests.unit.tui.widgets.screen_of_a_picture import END
 from tests.unit.tui.widgets.sent import PLACEHOLDER, Sent
 
@@ -158,23 +158,20 @@ async def test_a_picture_is_sharp_while_it_rests_and_is_let_go() -> None:
         look = LookScreen(sheet, sheet.cameras[0], 0)
         app.push_screen(look)
 
-        async def seen() -> str:
-            await finish_work(pilot)
+        def seen() -> str:
             picture = look.query_one(Picture)
             return "".join(picture.render_line(y).text for y in range(picture.size.height))
 
-        assert PLACEHOLDER in await seen()
+        await until(pilot, lambda: PLACEHOLDER in seen())
         await pilot.press("right")
         await pilot.press("right")
-        assert PLACEHOLDER in await seen()
-        assert Sent.held == 1
+        await until(pilot, lambda: PLACEHOLDER in seen() and Sent.held == 1)
         await pilot.press("w")
-        assert GLYPHS.search(await seen())
-        assert Sent.held == 0
+        await until(pilot, lambda: GLYPHS.search(seen()) and Sent.held == 0)
         await pilot.press("w")
-        assert PLACEHOLDER in await seen()
+        await until(pilot, lambda: PLACEHOLDER in seen())
         await pilot.resize_terminal(60, 20)
-        assert PLACEHOLDER in await seen()
-        await pilot.press("escape")
         await finish_work(pilot)
-        assert Sent.held == 0
+        await until(pilot, lambda: PLACEHOLDER in seen())
+        await pilot.press("escape")
+        await until(pilot, lambda: Sent.held == 0)

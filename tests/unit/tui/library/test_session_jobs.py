@@ -1,6 +1,7 @@
 """Jobs that are started from the list of sessions: their forms, and what they leave."""
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -119,6 +120,11 @@ async def test_a_calibration_that_is_there_is_a_question(
         assert [job.options.split()[-1:] for job in jobs(pilot)] == ([] if options is None else [options])
 
 
+def says(pilot: Any, count: int) -> bool:
+    """Whether so many notifications are shown."""
+    return len(toasts(pilot.app)) == count
+
+
 async def test_all_that_an_export_needs_is_said_at_once_and_before_its_folder(
     sessions: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -126,7 +132,7 @@ async def test_all_that_an_export_needs_is_said_at_once_and_before_its_folder(
     (sessions / "two" / "calibration.json").write_text("{}")
     async with library(sessions, (80, 24)) as pilot:
         needs = ("one", "needs packages and a calibration"), ("two", "needs packages")
-        for before, (name, row) in enumerate(needs):
+        for count, (name, row) in enumerate(needs, 1):
             await choose(pilot, name)
             await pilot.press("e")
             await until(pilot, lambda: pilot.app.screen.query(OptionList))
@@ -135,7 +141,7 @@ async def test_all_that_an_export_needs_is_said_at_once_and_before_its_folder(
             assert str(formats.get_option_at_index(place).prompt).endswith(f"  {row}")
             formats.highlighted = place
             await pilot.press("enter")
-            await until(pilot, lambda before=before: len(toasts(pilot.app)) > before)
+            await until(pilot, partial(says, pilot, count))
             assert not isinstance(pilot.app.screen, TextQuestion)
             said = toasts(pilot.app)[-1]
             assert said.startswith("An export to pose2sim needs\npackages: ")

@@ -6,15 +6,12 @@ import pytest
 from msgspec import structs
 
 from capture_app.common.camera_facts import PhaseControl
-from capture_app.common.errors import BadInputError
 from capture_app.common.node_state import NodeState
-from capture_app.common.timeouts import FORGET_LOST_NS
 from capture_app.sync.rig import roster
 from capture_app.sync.rig.burst_orders import BurstOrder
 from capture_app.sync.rig.events import NodeChanged
 from capture_app.sync.rig.leader_engine import Leader, LeaderConfig
 from capture_app.sync.rig.rig_config import RequestedConfig
-from capture_app.sync.timekeeping.poll_schedule import NEVER_NS
 from capture_app.sync.wire.codec import decode, encode
 from capture_app.sync.wire.datagrams import (
     Goodbye,
@@ -58,65 +55,6 @@ def names(leader: Leader, now_ns: int) -> list[str]:
 @pytest.fixture
 def leader() -> Leader:
     return Leader(LeaderConfig(1, 0), random.Random(2))
-
-
-def run_timers(leader: Leader, until_ns: int) -> int:
-    """Call the leader's timers as it asks for them; return how often."""
-    calls = 0
-    while (due_ns := leader.next_timer()) <= until_ns:
-        leader.handle_timer(due_ns)
-        calls += 1
-    return calls
-
-
-def test_a_lost_node_is_known_for_ten_minutes_and_then_forgotten(leader: Leader) -> None:
-    beat(leader, joined(leader, "cam", S), S)
-    calls = run_timers(leader, S + FORGET_LOST_NS - 1)
-    assert names(leader, 0) == ["cam"]
-    calls += run_timers(leader, S + FORGET_LOST_NS)
-    assert names(leader, 0) == []
-    assert changes(leader) == ["joined", "lost", "forgotten"]
-    assert calls < 10, "it sleeps meanwhile"
-    assert leader.next_timer() == NEVER_NS
-
-
-def test_a_node_that_returns_in_time_is_not_forgotten(leader: Leader) -> None:
-    beat(leader, joined(leader, "cam", S), S)
-    run_timers(leader, 500 * S)
-    number = joined(leader, "cam", 500 * S)
-    for at_s in range(501, 700):
-        beat(leader, number, at_s * S)
-        run_timers(leader, at_s * S)
-    assert names(leader, 0) == ["cam"]
-    assert changes(leader) == ["joined", "lost", "returned"]
-
-
-@pytest.mark.parametrize("answers", [True, False])
-def test_a_camera_that_returns_and_is_lost_at_once_had_taken_frames(leader: Leader, answers: bool) -> None:
-    """It was started again, and cut off before its first frame, or before the answer to its hello."""
-    heartbeat = Heartbeat(joined(leader, "cam", S), Report(state=NodeState.READY, frames=9))
-    leader.receive_datagram(encode(heartbeat), ("cam", 0), S)
-    run_timers(leader, 9 * S)
-    number = joined(leader, "cam", 9 * S)
-    if answers:
-        beat(leader, number, 9 * S)
-    run_timers(leader, 20 * S)
-    assert changes(leader) == ["joined", "lost", "returned", "lost"]
-    assert leader.roster.members["cam"].has_taken
-
-
-def test_an_operator_forgets_a_lost_node_but_none_that_is_here(leader: Leader) -> None:
-    number = joined(leader, "cam", S)
-    with pytest.raises(BadInputError, match="cam is here"):
-        leader.forget("cam")
-    with pytest.raises(BadInputError, match="no node named other is known"):
-        leader.forget("other")
-    leader.receive_datagram(encode(Goodbye(number)), ("cam", 0), 2 * S)
-    leader.forget("cam")
-    assert names(leader, 0) == []
-    assert changes(leader) == ["joined", "lost", "forgotten"]
-    joined(leader, "cam", 3 * S)
-    assert changes(leader) == ["joined"], "as if for the first time"
 
 
 def test_the_grid_is_laid_again_when_its_camera_is_lost(leader: Leader) -> None:
@@ -200,22 +138,11 @@ def test_a_member_that_is_lost_for_the_longest_makes_room_in_a_full_rig(
     assert "c1" in names(leader, 5 * S)
 
 
-def below_relay(leader: Leader, number: int, now_ns: int, *, is_lost: bool = False) -> int:
-    """Let a camera below a relay join; with `is_lost` the relay reports its loss. Return its number."""
-    hello = Hello("cam", 7, make_facts(), "relay")
-    leader.receive_datagram(encode(hello), ("relay", 0), now_ns)
-    member = leader.roster.members["cam"].number
-    if is_lost:
-        report = Report(state=NodeState.LOST, message="silent for 2 s")
-        leader.receive_datagram(encode(MemberReports(((member, report),))), ("relay", 0), now_ns)
-    beat(leader, number, now_ns)
-    return member
-
-
 def test_a_camera_that_its_relay_never_reports_is_removed(leader: Leader) -> None:
     """The answer to its hello was lost on the way to the relay, and then it was switched off."""
     relay = joined(leader, "relay", S)
-    cam = below_relay(leader, relay, S)
+    leader.receive_datagram(encode(Hello("cam", 7, make_facts(), "relay")), ("relay", 0), S)
+    cam = leader.roster.members["cam"].number
     report = MemberReports(((cam, Report(state=NodeState.READY)),))
     for at_s in range(2, 20):
         beat(leader, relay, at_s * S)
@@ -224,15 +151,6 @@ def test_a_camera_that_its_relay_never_reports_is_removed(leader: Leader) -> Non
         leader.handle_timer(at_s * S)
         assert leader.roster.members["cam"].lost == ("" if at_s < 16 else "silent for 6 s"), at_s
     assert not leader.roster.members["relay"].lost
-
-
-def test_a_hello_is_no_more_trusted_because_the_relay_reports_its_loss(leader: Leader) -> None:
-    relay = joined(leader, "relay", S)
-    beat(leader, joined(leader, "here", S), S)
-    below_relay(leader, relay, S, is_lost=True)
-    assert names(leader, S) == ["here", "relay"]
-    below_relay(leader, relay, 2 * S)
-    assert "cam" not in leader.trigger(2 * S, BurstOrder(frames=1)).clients
 
 
 @pytest.mark.parametrize(
@@ -279,19 +197,6 @@ def test_a_member_that_is_dropped_is_told(leader: Leader) -> None:
     number = joined(leader, "cam", S)
     leader.drop_member(leader.roster.members["cam"], "its name is another machine's")
     assert [decode(data) for data, _ in leader.datagrams_to_send(S)] == [UnknownMember(number)]
-
-
-def test_a_number_from_before_a_move_is_unknown(leader: Leader) -> None:
-    """The relay that a camera has left reports it lost, though it is here."""
-    former = joined(leader, "cam", S)
-    beat(leader, former, S)
-    moved = Hello("cam", len("cam"), make_facts(period_ns=USUAL_NS), "gate")
-    leader.receive_datagram(encode(moved), ("gate", 0), S)
-    assert changes(leader) == ["joined", "moved"]
-    leader.datagrams_to_send(S)
-    leader.receive_datagram(encode(Heartbeat(former, Report(state=NodeState.LOST))), ("cam", 0), S)
-    assert [decode(data) for data, _ in leader.datagrams_to_send(S)] == [UnknownMember(former)]
-    assert changes(leader) == []
 
 
 def test_cameras_of_one_machine_alone_align_nothing() -> None:

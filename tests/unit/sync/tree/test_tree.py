@@ -27,7 +27,6 @@ from capture_app.sync.tree.relay_engine import Relay
 from capture_app.sync.wire.codec import decode, encode
 from capture_app.sync.wire.datagrams import (
     MAX_DEPTH,
-    Goodbye,
     Hello,
     RigConfigMessage,
     TimeRequest,
@@ -266,15 +265,3 @@ def test_a_wandering_clock_runs_forwards_and_can_be_read_backwards(seed: int, tr
     local_ns = clock.local_from_true(true_ns)
     assert abs(clock.true_from_local(local_ns) - true_ns) <= 20
     assert clock.local_from_true(true_ns + 1000) > local_ns
-
-
-def test_a_member_that_goes_back_says_goodbye_to_its_parent() -> None:
-    """It would count as lost there, and a burst would wait for it."""
-    member = TreeMember("me", 7, (("a", 0), ("b", 0)), random.Random(1))
-    config = RigConfigMessage(leader=9, anchor_leader_ns=0, period_ns=33_333_333)
-    join_second(member, member.time, 0)
-    member.try_to_join(("a", 0), S)
-    member.receive_message(Welcome(instance=7, client=3, transfer_port=1, config=config), ("a", 0), S)
-    assert member.leader == ("a", 0)
-    sent = [(decode(data), address) for data, address in member.datagrams_to_send(S)]
-    assert (Goodbye(5), ("b", 0)) in sent

@@ -343,7 +343,6 @@ class Leader:
                 if (answer := self.orders.take_ack(member, message)) is not None:
                     self._events.append(answer)
             case Goodbye():
-                self._pass_up(member, message, now_ns)
                 self._note_lost(self.roster.mark_lost(member, LEFT))
 
     def _sender(
@@ -365,9 +364,7 @@ class Leader:
             self._review_is_due |= self.current.is_staggered or not self.current.is_held(member.camera)
         return member
 
-    def _pass_up(
-        self, member: Member, message: Hello | Heartbeat | TriggerAck | Goodbye, now_ns: int
-    ) -> bool:
+    def _pass_up(self, member: Member, message: Hello | Heartbeat | TriggerAck, now_ns: int) -> bool:
         return self._summary is not None and self._summary.pass_up(member, message, now_ns)
 
     def _receive_heartbeat(self, member: Member, message: Heartbeat, now_ns: int) -> None:

@@ -15,7 +15,6 @@ from capture_app.sync.wire.datagrams import (
     MAX_OTHERS,
     MAX_REPORTS,
     ControlMessage,
-    Goodbye,
     Heartbeat,
     Hello,
     MemberReports,
@@ -74,7 +73,7 @@ class RelaySummary:
             self.ask(hello)
         return reason
 
-    def pass_up(self, member: Member, message: Hello | Heartbeat | TriggerAck | Goodbye, now_ns: int) -> bool:
+    def pass_up(self, member: Member, message: Hello | Heartbeat | TriggerAck, now_ns: int) -> bool:
         """Forward a member's message; return whether its state changed, which the root must know first."""
         if not self._has_parent or member.camera.kind == CLOCK_ONLY:
             return False
@@ -85,8 +84,6 @@ class RelaySummary:
             if known is not None and known.instance != member.instance:
                 self._lost[number] = known.report
             self.ask(Hello(member.name, member.instance, member.camera, member.via, member.pin))
-        elif isinstance(message, Goodbye):
-            self._send(Goodbye(number))
         elif isinstance(message, TriggerAck):
             self._acks.setdefault((message.leader, message.burst, message.refusal), []).append(number)
             self._acks_due_ns = min(self._acks_due_ns, now_ns + ACK_BATCH_NS)

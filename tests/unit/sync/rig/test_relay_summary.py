@@ -13,10 +13,9 @@ from capture_app.sync.rig.relay_summary import (
     REPORT_INTERVAL_NS,
     RelaySummary,
 )
-from capture_app.sync.rig.roster import Member, Roster
+from capture_app.sync.rig.roster import LEFT, Member, Roster
 from capture_app.sync.wire.codec import MAX_DATAGRAM, decode, encode
 from capture_app.sync.wire.datagrams import (
-    Goodbye,
     Heartbeat,
     Hello,
     MemberReports,
@@ -88,8 +87,9 @@ def test_a_member_is_introduced_first_and_then_speaks_under_the_parents_number(
     summary.handle_timer(0)
     assert said(summary) == [MemberReports(((99, REPORT),))]
     assert not summary.pass_up(member, beat, 1), "and knows from then on"
-    assert not summary.pass_up(member, Goodbye(member.number), 1)
-    assert said(summary) == [Goodbye(99)]
+    roster.mark_lost(member, LEFT)
+    summary.handle_timer(summary.next_timer())
+    assert said(summary) == [MemberReports(((99, member.report),))], "also that it has signed off"
 
 
 def test_many_members_take_no_more_messages_than_few(summary: RelaySummary, roster: Roster) -> None:

@@ -9,6 +9,7 @@ from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.phase.frame_grid import FrameGrid
 from capture_app.sync.rig.frame_selection import (
     NO_FRAME_OF_ITS_OWN,
+    PAUSE_NS,
     CameraGrid,
     FrameSelection,
     Gap,
@@ -108,6 +109,30 @@ def test_a_later_trigger_of_a_recording_can_only_end_it_earlier() -> None:
         selection.add(Trigger(0, 1, 1, 0, 1000, count, streamed=True))
         spans_ns.append(selection.first_before(0))
     assert spans_ns == [(0, 9000), (0, 3000), (0, 3000)]
+
+
+def test_between_the_frames_of_a_time_lapse_only_the_next_is_waited_for() -> None:
+    ring, where = ring_of([0, PAUSE_NS]), (cast(Any, None), CameraGrid(FrameGrid(0, PAUSE_NS)), time_map())
+    for step_ns, span_ns in ((PAUSE_NS, (2 * PAUSE_NS,) * 2), (PAUSE_NS - 1, (0, 9 * (PAUSE_NS - 1)))):
+        selection = FrameSelection[int]()
+        selection.add(Trigger(0, 1, 1, 0, step_ns, 10, streamed=True))
+        selection.select_due(ring, *where, now_ns=PAUSE_NS, is_member=False, is_last=True)
+        assert selection.first_before(4 * PAUSE_NS) == span_ns
+
+
+def test_of_a_lost_leaders_bursts_only_recordings_with_an_ordered_end_go_on() -> None:
+    selection, ring = FrameSelection[int](), ring_of([0, 1000])
+    selection.add(Trigger(0, 1, 1, 0, 1000, 4))
+    selection.add(Trigger(0, 1, 2, 0, 1000, 4, streamed=True))
+    selection.add(Trigger(0, 1, 3, 0, 1000, 2**31, streamed=True))
+    grid = CameraGrid(FrameGrid(0, 1000))
+    selection.select_due(ring, cast(Any, None), grid, time_map(), now_ns=1100, is_member=False)
+    (end,) = selection.keep_ordered()
+    assert (end.trigger.burst, end.ended, end.over) == (3, True, end.trigger.count)
+    assert [key in selection for key in ((1, 1), (1, 2), (1, 3))] == [False, True, False]
+    (end,) = selection.keep_ordered(has_time=False)
+    assert end.trigger.burst == 2
+    assert not selection
 
 
 def test_a_recording_ends_no_earlier_than_what_was_selected_when_its_end_came() -> None:

@@ -207,9 +207,11 @@ def test_cameras_of_a_lost_leader_keep_their_delays_until_all_can_have_come_back
     assert rig.heartbeat("cam0", S + RETURN_NS).delays_ns == {}
 
 
-def test_a_leader_without_the_option_puts_them_in_step() -> None:
-    rig = TakenOver(None, FrameGrid(0, PERIOD_NS))
-    assert rig.join("cam1", S).delays_ns == {}
+def test_a_leader_without_the_option_puts_them_in_step_on_the_grid_that_they_are_on() -> None:
+    grid = FrameGrid(7_000, PERIOD_NS)
+    config = TakenOver(None, grid).join("cam1", S)
+    assert config.delays_ns == {}
+    assert FrameGrid(config.anchor_leader_ns, config.period_ns) == grid
 
 
 def test_a_relay_is_told_of_the_cameras_below_it() -> None:

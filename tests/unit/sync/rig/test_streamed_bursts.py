@@ -7,8 +7,8 @@ import pytest
 from benchmarks.simulated.virtual_rig import NodeSpec, VirtualRig
 from capture_app.common.clock import SimulatedClock
 from capture_app.plugins.cameras.sim.profiles import PROFILES
-from capture_app.sync.rig.events import PhaseMoved
-from capture_app.sync.rig.frame_selection import DROPPED, MAX_STREAMED_NS, MOVED, Burst, FramesSelected
+from capture_app.sync.rig.events import FramesDropped, PhaseMoved
+from capture_app.sync.rig.frame_selection import DROPPED, MAX_STREAMED_NS, MOVED, SLEPT, Burst, FramesSelected
 from capture_app.sync.timekeeping.clock_events import TimesDoubted
 from tests.unit.sync.rig.rigs import LAN, MS, S, ready_rig
 
@@ -115,6 +115,8 @@ def test_dropped_frames_are_reported_with_the_rest() -> None:
         assert picked.gaps
         assert {gap.reason for gap in picked.gaps} == {DROPPED}
         assert picked.over == FRAMES
+        drops = sum(event.count for event in node.events if isinstance(event, FramesDropped))
+        assert drops == node.client.aligner.phase.drops >= len(picked.gaps)
 
 
 def test_a_long_burst_can_be_ended_early() -> None:
@@ -159,6 +161,19 @@ def test_a_machine_that_slept_knows_no_time_until_it_has_asked_again() -> None:
         rig.nodes["cam1"].client.timekeeper.clock.samples < rig.nodes["cam0"].client.timekeeper.clock.samples
     )
     assert not rig.nodes["cam1"].bursts[burst.number].gaps
+
+
+def test_no_frame_from_before_a_sleep_is_selected_for_a_later_order() -> None:
+    """Its time is by a clock that stood still since."""
+    rig = rig_of_two()
+    rig.run_for(S)
+    node, before_ns = rig.nodes["cam1"], rig.now_true_ns
+    node.client.wake_up(12 * S, node.spec.clock.local_from_true(before_ns))
+    assert rig.run_until(rig.all_ready, limit_ns=20 * S)
+    burst = rig.trigger(frames=5, at_leader_ns=before_ns - S // 2)
+    assert rig.run_until(lambda: burst.number in node.bursts, limit_ns=5 * S)
+    assert {gap.reason for gap in node.bursts[burst.number].gaps} == {SLEPT}
+    assert not node.bursts[burst.number].frames
 
 
 def test_frames_from_before_a_sleep_in_which_the_clock_ran_on_keep_their_times() -> None:

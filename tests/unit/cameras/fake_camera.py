@@ -23,6 +23,7 @@ class FakeCamera(Camera):
         self.on_frame: OnFrame
         self.on_failure: OnFailure
         self.commands: asyncio.Queue[CameraCommand] = asyncio.Queue()
+        self.is_stopped = False
 
     async def start(self, on_frame: OnFrame, on_failure: OnFailure) -> None:
         self.listen(on_frame, on_failure)
@@ -32,7 +33,7 @@ class FakeCamera(Camera):
         self.commands.put_nowait(command)
 
     async def stop(self) -> None:
-        pass
+        self.is_stopped = True
 
 
 class NoPicture:

@@ -123,6 +123,7 @@ async def test_a_camera_opened_again_goes_on_counting_streams(bench: Bench) -> N
     assert streams == sorted(set(streams))
     assert len(streams) == 4
     assert bench.failures == ["unplugged", ""]
+    assert (first.is_stopped, second.is_stopped) == (True, False), "the device may be opened once"
 
 
 async def test_what_an_operator_has_set_is_set_again_on_a_camera_that_comes_back(

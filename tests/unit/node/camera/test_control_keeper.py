@@ -136,10 +136,9 @@ async def test_what_the_camera_chooses_is_locked_during_a_burst(node: Node) -> N
 
 async def test_what_a_driver_may_not_tell_is_not_locked(node: Node) -> None:
     await settled(node)
-    node.keeper.set_in_burst(True)
-    await settled(node)
-    node.keeper.set_in_burst(False)
-    await settled(node)
+    for is_taken in (True, False) * 3:
+        node.keeper.set_in_burst(is_taken)
+        await settled(node)
     assert node.camera.set == []
     assert node.camera.states[Control.EXPOSURE] == EXPOSURE
 
@@ -149,6 +148,15 @@ async def lock_exposure(node: Node) -> None:
     await see_it_choose(node)
     node.keeper.set_in_burst(True)
     await until(lambda: len(node.camera.set) == 1)
+    assert not node.camera.states[Control.EXPOSURE].automatic
+
+
+async def test_what_is_set_during_a_burst_stays_after_it(node: Node) -> None:
+    await lock_exposure(node)
+    await node.keeper.apply({Control.EXPOSURE: 2500.0})
+    node.keeper.set_in_burst(False)
+    await settled(node)
+    assert node.camera.states[Control.EXPOSURE].value == 2500.0
     assert not node.camera.states[Control.EXPOSURE].automatic
 
 

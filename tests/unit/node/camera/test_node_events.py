@@ -1,5 +1,6 @@
 """What a node makes of its engine's events: for whom its images are, what its reports say, what it logs."""
 
+import asyncio
 from pathlib import Path
 from typing import Any
 from unittest.mock import Mock
@@ -11,6 +12,7 @@ from capture_app.common.address import Address
 from capture_app.common.camera_facts import StampAccuracy, StampSource
 from capture_app.node.camera.camera_node import CameraNode, widened_times
 from capture_app.node.camera.device_profiles import DeviceProfiles, link_key, node_key
+from capture_app.node.camera.spool import Spool
 from capture_app.node.camera.supervisor import CameraSupervisor, NodeOptions
 from capture_app.protocol.log import Log
 from capture_app.protocol.orders import SaveStamp
@@ -24,6 +26,8 @@ from capture_app.sync.wire.codec import encode
 from capture_app.sync.wire.datagrams import JoinRefusal, RigConfigMessage, Trigger, Welcome
 from capture_app.trust.trust import Trust
 from tests.unit.cameras.fake_camera import FACTS, FakeCamera, frame
+from tests.unit.node.camera.uploading import Picture, burst_upload
+from tests.waiting import until
 
 FIRST, SECOND = Address("10.0.0.1", 47010), Address("10.0.0.2", 47010)
 WEBCAM = replace(FACTS, kind="webcam")
@@ -169,3 +173,27 @@ async def test_details_are_by_the_clocks_rate_and_the_rigs_instants(node: Node) 
     node._engine.timekeeper.time_map = TimeMap(0, 0, 30e-6, 1.0, 2.0, 0.0, 0.0, 3, 4)
     node._samples.extend(ClockSample(at, at + 5, at + 5, at) for at in (0, 10**9))
     assert node._viewfinder.detail().samples == ((30_005, 0), (5, 0))
+
+
+@pytest.mark.virtual
+async def test_a_node_that_ends_lets_go_of_its_camera_and_its_spool(tmp_path: Path) -> None:
+    camera, spool = FakeCamera(), tmp_path / "spool"
+    options = NodeOptions(
+        name="a",
+        open_camera=lambda: camera,
+        leaders=(Address("127.0.0.1", 47010),),
+        trust=Trust.open(),
+        spool=spool,
+        profiles=DeviceProfiles(tmp_path),
+    )
+    node = CameraNode(options)
+    running = asyncio.create_task(node.run())
+    await until(lambda: hasattr(camera, "on_frame"))
+    node._uploader.add_burst(burst_upload(Picture(b"zero"), Picture(b"one")))
+    running.cancel()
+    await asyncio.gather(running, return_exceptions=True)
+    assert camera.is_stopped
+    again = Spool(spool, "a")
+    (burst,) = again.open()
+    assert burst.read_report().burst == burst_upload().report.burst
+    again.close()

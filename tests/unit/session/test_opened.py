@@ -1,5 +1,6 @@
 """A session as Python code reads it: pictures when they are asked for, and what is missing says so."""
 
+import json
 from pathlib import Path
 
 import cv2
@@ -8,7 +9,8 @@ import pytest
 
 from capture_app import SimulshotError, open_session
 from capture_app.common.errors import BadInputError, IncompleteError
-from capture_app.session.format.manifest import BurstRecord
+from capture_app.session.format.manifest import EVENTS, BurstRecord
+from capture_app.session.format.marks import Mark
 from capture_app.session.reading.array_access import CameraMatrices
 from capture_app.session.reading.reader import Session
 from capture_app.session.writing.session_writer import SessionWriter
@@ -160,6 +162,21 @@ def test_pixels_at_the_border_of_a_wide_lens_are_undistorted() -> None:
     rays = np.array([[1.0, 0.75]])
     pixels = lens.project(np.column_stack([rays, [1.0]]))
     np.testing.assert_allclose(lens.undistort_points(pixels), rays, atol=1e-6)
+    image = np.zeros((480, 640, 3), np.uint8)
+    image[90:94, 120:124] = 255
+    spot = np.argwhere(lens.undistort(image)[..., 0] > 128).mean(0)[::-1]
+    ((x, y),) = lens.undistort_points([[121.5, 91.5]])
+    np.testing.assert_allclose(spot, (300 * x + 320, 300 * y + 240), atol=1.0)
+
+
+def test_marks_are_in_the_order_of_their_times(session: Session) -> None:
+    assert open_session(session.folder).marks == ()
+    early, late = (
+        Mark(text=text, leader_ns=ns, uncertainty_ns=5) for text, ns in (("flash", 1), ("clap", 2))
+    )
+    events = ({"event": "joined", "leader_ns": 0}, late.as_event(), early.as_event())
+    (session.folder / EVENTS).write_text("".join(f"{json.dumps(event)}\n" for event in events) + "{torn")
+    assert open_session(session.folder).marks == (early, late)
 
 
 def test_a_camera_or_instant_that_is_not_there_is_answered_with_those_that_are(session: Session) -> None:

@@ -7,7 +7,7 @@ import pytest
 from msgspec.structs import replace
 
 from capture_app.common.camera_facts import EXACT_STAMPS, StampAccuracy, StampSource
-from capture_app.session.format.common_times import CommonTimes
+from capture_app.session.format.common_times import NOT_SYNCHRONIZED, CommonTimes
 from capture_app.session.format.manifest import (
     AbsentCamera,
     BurstRecord,
@@ -187,6 +187,24 @@ def test_the_grades_are_explained_by_the_limits_that_hold() -> None:
         ("good", "fair"),
         ("fair", "poor"),
     ]
+
+
+def test_a_staggered_take_is_judged_by_how_its_cameras_keep_to_their_plan() -> None:
+    late_ns = 8 * MS + 60 * US
+    images = (
+        image(name, n, delay_ns) for n in (0, 1) for name, delay_ns in (("left", 0), ("right", late_ns))
+    )
+    verdict = judge(replace(take(*images), cameras=(CAMERAS[0], replace(CAMERAS[1], delay_ns=8 * MS))))
+    assert verdict.headline.startswith("staggered, steps of 8 ms: excellent, each as planned to ")
+    assert "px/s" not in verdict.headline, "what moves is seen at planned times"
+
+
+def test_times_without_a_common_clock_have_no_spread_whatever_they_say() -> None:
+    unknown = replace(BURST, common_times=CommonTimes(state="unknown"))
+    images = (image(name, n, late_ns) for n in (0, 1) for name, late_ns in (("left", 0), ("right", 60 * US)))
+    verdict = judge(replace(take(*images), burst=unknown))
+    assert (verdict.grade, verdict.spread_ns) == ("unknown", None)
+    assert verdict.headline.startswith(NOT_SYNCHRONIZED)
 
 
 def test_what_cannot_be_judged_is_unknown() -> None:

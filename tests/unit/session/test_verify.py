@@ -21,12 +21,14 @@ from capture_app.session.format.manifest import (
     FrameRecord,
     ImageRecord,
     Manifest,
+    WidenedTimes,
     session_schema_text,
 )
+from capture_app.session.reading import verify as verify_session
 from capture_app.session.reading.checksums import CHECKSUMS, write_checksums
 from capture_app.session.reading.decoding import decode_image, encode_image
-from capture_app.session.reading.reader import Session
-from capture_app.session.reading.verify import ProblemKind, _clock_error, verify
+from capture_app.session.reading.reader import Session, WritingState
+from capture_app.session.reading.verify import Problem, ProblemKind, _clock_error, verify
 from tests.project import ROOT
 
 from .conftest import edit_manifest, jpeg
@@ -273,6 +275,39 @@ def test_a_time_within_its_error_bar_is_no_lie(session: Session) -> None:
     assert verify(Session.open(session.folder)) == []
     first(local_ns=local_ns + 21_100)(session)
     assert len(verify(Session.open(session.folder))) == 1
+
+
+def test_a_time_is_as_unsure_as_a_doubt_says_from_its_beginning_on(session: Session) -> None:
+    camera, record = session.manifest.cameras[0], session.manifest.images[0]
+    assert record.local_ns is not None
+    limits_ns = []
+    for begins_ns in (record.local_ns + 1, record.local_ns):
+        errors_ns = {"uncertainty_ns": 50_000, "hard_bound_ns": 50_000}
+        doubt = WidenedTimes(from_local_ns=begins_ns, until_local_ns=begins_ns, reason="stepped", **errors_ns)
+        limits_ns.append(
+            _clock_error(session, record, msgspec.structs.replace(camera, widened=(doubt,)), 0)[1]
+        )
+    assert limits_ns[1] - limits_ns[0] == 50_000
+
+
+def test_a_session_that_is_finished_while_it_is_verified_is_verified_anew(
+    session: Session, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (session.folder / FIRST).write_bytes(b"not all of it yet")
+    checked = list[Session]()
+
+    def finish(of: Session, state: WritingState) -> list[Problem]:
+        checked.append(of)
+        assert len(checked) < 3, "it verifies what it has opened before"
+        problems = check(of, state)
+        replace_first(jpeg(1))(session)
+        return problems
+
+    check = verify_session._verify
+    monkeypatch.setattr(verify_session, "_verify", finish)
+    assert verify(session) == []
+    assert len(checked) == 2
+    assert checked[1].manifest != checked[0].manifest
 
 
 def without(manifest: dict[str, Any], field: str) -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from capture_app.common.errors import BadInputError, IncompleteError, TryAgainError
-from capture_app.session.format.burst_plan import BurstPlan, CameraPlan
+from capture_app.session.format.burst_plan import BurstPlan, CameraPlan, read_plan
 from capture_app.session.format.manifest import MANIFEST, BurstRecord, MissingImage
 from capture_app.session.library.changes import MAX_NOTE, rename_session, results_folder, set_note
 from capture_app.session.reading.reader import Session
@@ -101,6 +101,8 @@ def test_a_session_that_late_images_are_added_to_is_left_alone(tmp_path: Path) -
 def test_late_images_leave_the_new_name_and_the_note(tmp_path: Path) -> None:
     folder = rename_session(burst(tmp_path), "new")
     set_note(folder, "the best one")
+    plan = read_plan(folder)
+    assert (plan.name, plan.note) == ("new", "the best one"), "for a repair without a manifest"
     with SessionWriter.resume(folder) as writer:
         writer.add_image(jpeg(2), camera="left", instant=1, leader_ns=INSTANTS[1])
         finish(writer)

@@ -6,7 +6,6 @@ import msgspec
 import pytest
 
 from capture_app.session.format.manifest import GROUND_TRUTH, MANIFEST
-from capture_app.session.library.changes import set_note, trash_session
 from capture_app.session.library.listing import WIDTH_PX, SessionListing, best_synchronized, load_thumbnail
 from capture_app.session.reading.reader import Session
 from capture_app.session.writing.session_writer import SessionWriter
@@ -23,17 +22,6 @@ def test_what_a_card_shows(session: Session, tmp_path: Path) -> None:
     truth = session.folder / GROUND_TRUTH
     assert card.size_bytes == content + sum(file.stat().st_size for file in truth.rglob("*.*"))
     assert card.size_bytes > content
-
-
-def test_a_list_follows_its_folder(session: Session, tmp_path: Path) -> None:
-    listing = SessionListing(tmp_path)
-    assert [card.name for card in listing.read()] == ["small"]
-    fill(SessionWriter.create(tmp_path, "later"))
-    set_note(session.folder, "again")
-    assert [(card.name, card.note) for card in listing.read()] == [("later", ""), ("small", "again")]
-    trash_session(session.folder)
-    assert [card.name for card in listing.read()] == ["later"]
-    assert SessionListing(tmp_path / "nowhere").read() == []
 
 
 def test_unfinished_and_broken_ones_say_what_to_do(tmp_path: Path) -> None:

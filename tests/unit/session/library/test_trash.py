@@ -34,22 +34,6 @@ def test_trash_and_back(session: Session, tmp_path: Path) -> None:
     assert trashed_sessions(tmp_path) == []
 
 
-def test_the_latest_of_a_name_comes_back_first(tmp_path: Path) -> None:
-    notes = []
-    for _ in range(3):
-        notes.append(fill(SessionWriter.create(tmp_path, "small")).manifest.created)
-        trash_session(tmp_path / "small")
-    assert [one.id for one in trashed_sessions(tmp_path)] == ["small", "small-2", "small-3"]
-    restored = [
-        restore_session(tmp_path, "small-2"),
-        restore_session(tmp_path, name="third"),
-        restore_session(tmp_path, name="first"),
-    ]
-    created = [Session.open(folder).manifest.created for folder in restored]
-    assert created == [notes[1], notes[2], notes[0]]
-    assert [folder.name for folder in restored] == ["small", "third", "first"]
-
-
 def test_what_cannot_be_restored_stays_in_the_trash(session: Session, tmp_path: Path) -> None:
     trash_session(session.folder)
     fill(SessionWriter.create(tmp_path, "small"))

@@ -138,6 +138,7 @@ def main() -> None:
         )
     )
     system.raise_thread_priority()
+    system.reuse_freed_memory()
     run_until_stopped(run_nodes({name: node}, Log(print)))
 
 

@@ -147,6 +147,7 @@ def leader(
         as_json=as_json,
     )
     system.raise_thread_priority()
+    system.reuse_freed_memory()
     run_until_stopped(lead_by_rank(make_options, leaders, run), until_eof=until_eof)
 
 

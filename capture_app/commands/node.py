@@ -144,6 +144,7 @@ def node(
         for camera, spec in named.items()
     }
     system.raise_thread_priority()
+    system.reuse_freed_memory()
     run_until_stopped(run_nodes(nodes, Log(log_line)), until_eof=until_eof)
 
 

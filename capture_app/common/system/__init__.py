@@ -28,7 +28,7 @@ __all__ = (  # noqa: F405, RUF022 - the modules have them; by subject
     "PYTHON", "child_options", "is_running", "signal_group", "end_with_parent", "lower_priority",
     "raise_thread_priority",
     "usable_cores", "use_cores", "machine_memory", "address_space", "NO_LIMIT", "allow_open_files",
-    "limit_heaps",
+    "limit_heaps", "reuse_freed_memory",
     "saves_power",
 )
 # fmt: on

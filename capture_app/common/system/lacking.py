@@ -16,6 +16,10 @@ def limit_heaps(heaps: int) -> None:
     """Do nothing: all threads share one heap."""
 
 
+def reuse_freed_memory() -> None:
+    """Do nothing: another allocator than glibc's decides by itself what it returns."""
+
+
 def saves_power(interface: str) -> bool | None:
     """Return None: whether a WiFi interface saves power is not reported."""
     return None

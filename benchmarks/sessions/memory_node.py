@@ -66,11 +66,9 @@ class MemoryCamera(Camera):
     """A webcam that is always in phase with the others of its machine."""
 
     def __init__(self, film: Path, fps: float) -> None:
-        index, data = json.loads(film.with_suffix(".json").read_text()), film.read_bytes()
-        self._pictures, at = [], 0
-        for length in index["lengths"]:
-            self._pictures.append(JpegPicture(data[at : at + length]))
-            at += length
+        index = json.loads(film.with_suffix(".json").read_text())
+        with film.open("rb") as file:
+            self._pictures = [JpegPicture(file.read(length)) for length in index["lengths"]]
         self._period_ns = round(1e9 / fps)
         rng = random.Random(film.name)
         self._jitter_ns = [round(rng.gauss(0, JITTER_NS)) for _ in range(997)]

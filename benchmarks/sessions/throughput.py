@@ -7,7 +7,7 @@ JPEGs of about 250 kB from its memory (a simulated camera, a real load), so noth
 `memory_node`. `--rig 8x60` is eight cameras at 60 frames a second, `--rig 8x15@4k` eight of 3840x2160.
 `--load 10` runs as many busy processes beside all that. It counts what is on the leader's disk when the last
 frame has been taken, how much later the rest was saved, the processor time of the leader and of a node for
-1,000 frames, a node's without recording, and their memory. In the same minutes `ffmpeg -c copy` sends the
+1,000 frames, both without recording, and their memory. In the same minutes `ffmpeg -c copy` sends the
 same JPEGs over TCP into files, if ffmpeg is installed, and so does a plain socket of Python, which syncs its
 files each second. All share this machine's processors, so a rig on machines of its own bears more.
 """
@@ -173,7 +173,10 @@ async def record(
             "receiver": 1000 * of_kind(used, leader=True) / frames,
             "senders": 1000 * of_kind(used, leader=False) / frames,
         },
-        "at_rest_cpu_s_per_1000": 1000 * of_kind(idle, leader=False) / (cameras * fps),
+        "at_rest_cpu_s_per_1000": {
+            "receiver": 1000 * of_kind(idle, leader=True) / (cameras * fps),
+            "senders": 1000 * of_kind(idle, leader=False) / (cameras * fps),
+        },
         "memory_mb": {
             "receiver": of_kind(memory_mb, leader=True),
             "senders": of_kind(memory_mb, leader=False) / cameras,
@@ -331,6 +334,7 @@ def measure(options: argparse.Namespace, folder: Path) -> Report:
 
 def print_tables(report: Report) -> None:
     """Print a report as tables."""
+    kinds = ("receiver", "senders")
     print(f"everything on {report['cores']} cores, beside {report['load']} busy processes")
     for rig, of in report["rigs"].items():
         print(
@@ -339,19 +343,19 @@ def print_tables(report: Report) -> None:
         rows = []
         for row in of["rows"]:
             cpu, memory = row["cpu_s_per_1000"], row.get("memory_mb", {})
+            at_rest = row.get("at_rest_cpu_s_per_1000", {})
             rows.append([
                 row["receiver"],
                 f"{row['mb_per_s']:.0f}",
                 "" if row["late_s"] is None else f"{row['late_s']:.1f}",
                 str(row["frames"]),
                 str(row.get("missing", "")),
-                f"{cpu['receiver']:.2f}",
-                f"{cpu['senders']:.2f}",
-                f"{row['at_rest_cpu_s_per_1000']:.2f}" if memory else "",
-                *(f"{memory[kind]:.0f}" if memory else "" for kind in ("receiver", "senders")),
+                *(f"{used[kind]:.2f}" if used else "" for kind in kinds for used in (cpu, at_rest)),
+                *(f"{memory[kind]:.0f}" if memory else "" for kind in kinds),
             ])  # fmt: skip
         columns = ["", "MB/s on time", "s late", "frames", "missing"]
-        print_table([*columns, "CPU-s/1,000: leader", "nodes", "at rest", "MB: leader", "a node"], rows)
+        of_cpu = ["CPU-s/1,000: leader", "at rest", "nodes", "at rest"]
+        print_table([*columns, *of_cpu, "MB: leader", "a node"], rows)
         for row in of["rows"]:
             if problems := row.get("problems"):
                 print(f"verify: {problems[:3]}")

@@ -1,6 +1,6 @@
 """A node whose camera is a film in memory: a driver's buffers, without a driver's cost.
 
-    python -m benchmarks.sessions.memory_node FILM FPS LEADER NAME SPOOL [--open]
+    python -m benchmarks.sessions.memory_node FILM FPS LEADER NAME SPOOL
 
 Its frames are those of a film that `write_film` wrote, over and over, with the jitter of a webcam's
 timestamps. As with a driver, frames wait in as many buffers as the product asks of a driver, and further ones
@@ -122,15 +122,14 @@ class MemoryCamera(Camera):
 
 def main() -> None:
     """Run the node until it is ended."""
-    film, fps, leader, name, spool, *flags = sys.argv[1:]
-    is_open = "--open" in flags
+    film, fps, leader, name, spool = sys.argv[1:]
     node = CameraNode(
         NodeOptions(
             name=name,
             open_camera=lambda: MemoryCamera(Path(film), float(fps)),
             leaders=(parse_address(leader),),
             clock=HostClock(),
-            trust=Trust.open() if is_open else Trust.of_user(),
+            trust=Trust.of_user(),
             spool=Path(spool),
             log=Log(print),
         )

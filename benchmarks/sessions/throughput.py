@@ -36,6 +36,7 @@ from capture_app.common.errors import SimulshotError
 from capture_app.rig.rig_link import ask_status
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
+from capture_app.trust.trust import OPEN_VARIABLE
 
 SIZES = {"": (1920, 1080), "4k": (3840, 2160)}
 READY_S, AFTER_S = 120.0, 300.0
@@ -124,14 +125,14 @@ async def record(
     names = [f"cam{number}" for number in range(cameras)]
     sessions, address = folder / "sessions", Address("127.0.0.1", port)
     sessions.mkdir(parents=True)
-    program, flag = (sys.executable, "-m", "capture_app.cli"), ["--open"] if is_open else []
+    program = (sys.executable, "-m", "capture_app.cli")
     processes = Processes(folder)
     at_port = ("--host", address.host, "--port", str(port))
     loading = contextlib.ExitStack()
     try:
-        processes.start("leader", *program, "leader", *at_port, "--sessions", sessions, *flag)
+        processes.start("leader", *program, "leader", *at_port, "--sessions", sessions)
         for name in names:
-            words = (str(source), f"{fps:g}", str(address), name, str(folder / "spool"), *flag)
+            words = (str(source), f"{fps:g}", str(address), name, str(folder / "spool"))
             processes.start(name, sys.executable, "-m", "benchmarks.sessions.memory_node", *words)
         await wait_until_ready(address, names)
         before = processes.cpu_s()
@@ -310,6 +311,8 @@ def measure(options: argparse.Namespace, folder: Path) -> Report:
         others = [] if options.only else [by_socket, *([by_ffmpeg] if shutil.which("ffmpeg") else [])]
         for is_open in (False, True) if options.open else (False,):
             place = Path(tempfile.mkdtemp(dir=folder))
+            # For this process and all that it starts.
+            os.environ[OPEN_VARIABLE] = str(int(is_open))
             recording = record(
                 place, film, cameras, fps, options.seconds, port, load=options.load, is_open=is_open
             )

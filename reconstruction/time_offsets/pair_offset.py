@@ -43,8 +43,13 @@ from reconstruction.time_offsets.pair_geometry import (
     correct_views,
     other_calibrations,
 )
-from reconstruction.time_offsets.repetition import repetition_ms
-from reconstruction.time_offsets.rough_offset import RoughOffset, find_rough_offset, measure_activity
+from reconstruction.time_offsets.repetition import repetitions_ms
+from reconstruction.time_offsets.rough_offset import (
+    RoughOffset,
+    equal_offsets,
+    find_rough_offset,
+    measure_activity,
+)
 from reconstruction.time_offsets.screens import find_screen
 from reconstruction.time_offsets.single_images import repeated_images
 
@@ -104,7 +109,7 @@ class PairOffsets:
         self._motion = computed_once(partial(measure_camera_motion, scene.dataset))
         self._rest = computed_once(self._find_rest)
         self._screen = computed_once(partial(find_screen, scene.dataset))
-        self._repetition = computed_once(partial(repetition_ms, scene.dataset))
+        self._repetitions = computed_once(partial(repetitions_ms, scene.dataset))
         self.repeated = computed_once(partial(repeated_images, scene.dataset))
         self._activity = computed_once(partial(measure_activity, scene.dataset))
         # A comparison's pair is also one of its rig's.
@@ -140,14 +145,17 @@ class PairOffsets:
         )
 
     def _measure_anywhere(self, first: str, second: str) -> OffsetFit:
-        """Measure as `measure` does; of recordings without common times, anywhere in their whole overlap."""
+        """Measure as `measure` does, and where what moves may agree as well.
+
+        That is whole periods of its parts away or, of recordings without common times, their whole overlap.
+        """
         if not self.dataset.unsynchronized:
-            return self.measure(first, second)
+            return self._measure_periods(first, second)
         rough = find_rough_offset(
             partial(self.measure, first, second),
             self._activity(first),
             self._activity(second),
-            max(map(self._repetition, (first, second))),
+            self._repetition_ms((first, second)),
             self.dataset.period_ns / 1e6,
         )
         if isinstance(rough, str):
@@ -159,6 +167,33 @@ class PairOffsets:
                 reason=f"{fit.change.describe(second, first)}: it dropped or repeated frames", moved=fit.moved
             )
         return fit
+
+    def _measure_periods(self, first: str, second: str) -> OffsetFit:
+        """Measure at the offset that most points agree on, up to two periods of any part from `measure`'s.
+
+        Of two discs, each alone fits at all of its own periods, as a disc does beside somebody who walks.
+        """
+        both, period_ms, fit = (first, second), self.dataset.period_ns / 1e6, self.measure(first, second)
+        lags_ms = self._repetitions(first)[1:] or self._repetitions(second)[1:]
+        if fit.offset_ms is None or not lags_ms or self._repetition_ms(both):
+            return fit
+        data = self.dataset
+        equal, _ = equal_offsets(
+            partial(self.measure, *both),
+            [fit.offset_ms + n * lag for lag in lags_ms for n in (-2, -1, 0, 1, 2)],
+            (),
+            [np.array([data.record(name, k).leader_ns for k in data.instants(name)]) / 1e6 for name in both],
+            period_ms,
+        )
+        nearest_ms = min(equal, key=abs, default=fit.offset_ms)
+        if abs(nearest_ms - fit.offset_ms) > period_ms:
+            fit = self.measure(*both, rough=(nearest_ms, 1.5 * period_ms))
+        spans_ms = (abs(ms - nearest_ms) for ms in equal if ms != nearest_ms)
+        return replace(fit, repeats_ms=min(spans_ms, default=0.0))
+
+    def _repetition_ms(self, cameras: Sequence[str]) -> float:
+        """Return the period of all that moves in front of one of the cameras; 0 if there is none."""
+        return max(self._repetitions(camera)[0] for camera in cameras)
 
     def _measure(
         self,
@@ -275,7 +310,7 @@ class PairOffsets:
         if fit.offset_ms is None:
             beside = f" beside the screen in the pictures of {' and '.join(screens)}" if screens else ""
             return replace(fit, moved=moved, reason=fit.reason + beside)
-        repeats_ms = max(map(self._repetition, cameras)) or self._turning_ms(cameras[0], fit)
+        repeats_ms = self._repetition_ms(cameras) or self._turning_ms(cameras[0], fit)
         return replace(fit, moved=moved, screens=screens, repeats_ms=repeats_ms)
 
     def _turning_ms(self, camera: str, fit: OffsetFit) -> float:

@@ -1,6 +1,7 @@
-"""Time after which all that moves in front of a camera looks the same again, as a turning disc does."""
+"""Times after which what moves in front of a camera looks the same again, as a turning disc does."""
 
 from collections.abc import Sequence
+from itertools import product
 
 import cv2
 import numpy as np
@@ -26,21 +27,28 @@ def middle_images(dataset: Dataset, camera: str) -> tuple[Sequence[int], Array]:
     return there, np.array(images, np.float32)
 
 
-def repetition_ms(dataset: Dataset, camera: str) -> float:
-    """Return the period of all that moves in a camera's images, ms; 0 if something does not repeat.
+def repetitions_ms(dataset: Dataset, camera: str) -> Sequence[float]:
+    """Return the period of all that moves in a camera's images, or 0, and then other periods of parts, ms.
 
-    It is the first maximum of the images' autocorrelation, without what stands still, in steps of half a
-    frame. Periods longer than the take are not seen.
+    A period is the first maximum of the images' autocorrelation, without what stands still, in steps of half
+    a frame. Periods longer than the take are not seen. Those of parts differ by more than a frame.
     """
     there, images = middle_images(dataset, camera)
     if len(there) <= MIN_IMAGES:
-        return 0.0
+        return [0.0]
     images -= np.median(images, axis=0)
     images -= np.median(images, axis=(1, 2), keepdims=True)
     noise = NOISES * np.median(np.abs(images))
-    moving = (images - np.clip(images, -noise, noise)).reshape(len(images), -1)
+    moving = images - np.clip(images, -noise, noise)
+    periods = [_first_period(moving.reshape(len(images), -1))]
+    # In squares of 12 px.
+    rows, columns = (range(0, size, 12) for size in moving.shape[1:])
+    for row, column in product(rows, columns):
+        period = _first_period(moving[:, row : row + 12, column : column + 12].reshape(len(images), -1))
+        if all(abs(period - other) > 2 for other in (0, *periods)):
+            periods.append(period)
     spacing_ns = np.median(np.diff([dataset.record(camera, k).leader_ns for k in there]))
-    return _first_period(moving) / 2 * float(spacing_ns) / 1e6
+    return [half_frames / 2 * float(spacing_ns) / 1e6 for half_frames in periods]
 
 
 def _first_period(moving: Array) -> int:

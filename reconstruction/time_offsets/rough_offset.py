@@ -124,40 +124,56 @@ def find_rough_offset(
 
     `measure` measures the pair's offset near another one. `repeats_ms` is the period of all that moves, or 0.
     """
-    tried = list[tuple[float, float]]()
-    reason = "the amount of motion in view matches at no offset"
-    for offset_ms in rough_offsets_ms(first, second, period_ms):
-        fit = measure(8, rough=(offset_ms, MAX_ERROR_FRAMES * period_ms))
-        if fit.offset_ms is None:
-            reason = fit.reason
-        else:
-            tried.append((fit.votes, fit.offset_ms))
-    if not tried:
-        return reason
-    votes, best_ms = max(tried)
     # The amount of motion repeats each time that a pendulum comes by: twice in a period. What the images
     # show is more accurate.
     lags = [repeats_ms, *(repeats_after_ms(camera, period_ms) for camera in (first, second))]
-    rivals = [best_ms + n * lag for lag in lags if lag for n in (-2, -1, 1, 2)]
+    equal, reason = equal_offsets(
+        measure,
+        rough_offsets_ms(first, second, period_ms),
+        [n * lag for lag in lags if lag for n in (-2, -1, 1, 2)],
+        (first[0], second[0]),
+        period_ms,
+    )
+    if len(equal) > 1:
+        listed = ", ".join(f"{ms:+.0f}" for ms in sorted(equal))
+        further = f", and others {repeats_ms:.0f} ms apart" if repeats_ms else ""
+        return f"the motion repeats: offsets of {listed} ms fit equally{further}"
+    return (equal[0], 1.5 * period_ms) if equal else reason
+
+
+def equal_offsets(
+    measure: Callable[..., OffsetFit],
+    candidates_ms: Sequence[float],
+    beside_ms: Sequence[float],
+    times_ms: Sequence[Array],
+    period_ms: float,
+) -> tuple[Sequence[float], str]:
+    """Return the candidate offset on which most points agree, and those that fit equally; or why none does.
+
+    `measure` measures the pair's offset near another one. `beside_ms` is how far from the best one others are
+    compared with it, and `times_ms` are when each camera's images were taken.
+    """
+    fits = [measure(8, rough=(late_ms, MAX_ERROR_FRAMES * period_ms)) for late_ms in candidates_ms]
+    tried = [(fit.votes, fit.offset_ms) for fit in fits if fit.offset_ms is not None]
+    if not tried:
+        return (), fits[-1].reason if fits else "the amount of motion in view matches at no offset"
+    votes, best_ms = max(tried)
+    rivals = [best_ms + ms for ms in beside_ms]
     rivals += [other_ms for other, other_ms in tried if votes < DISTINCT * other]
     equal = [best_ms]
     for other_ms in rivals:
         if (
             all(abs(other_ms - ms) > period_ms for ms in equal)
-            and _overlap_ms(first, second, other_ms) > MIN_IMAGES * period_ms
+            and _overlap_ms(times_ms, other_ms) > MIN_IMAGES * period_ms
             and not _excludes(measure, best_ms, other_ms, period_ms)
         ):
             equal.append(other_ms)
-    if len(equal) > 1:
-        listed = ", ".join(f"{ms:+.0f}" for ms in sorted(equal))
-        further = f", and others {repeats_ms:.0f} ms apart" if repeats_ms else ""
-        return f"the motion repeats: offsets of {listed} ms fit equally{further}"
-    return best_ms, 1.5 * period_ms
+    return equal, ""
 
 
-def _overlap_ms(first: Activity, second: Activity, late_ms: float) -> float:
+def _overlap_ms(times_ms: Sequence[Array], late_ms: float) -> float:
     """Return the time in which both cameras have images if the second has this delay, ms."""
-    (a, _), (b, _) = first, second
+    a, b = times_ms
     return float(min(a[-1], b[-1] + late_ms) - max(a[0], b[0] + late_ms))
 
 

@@ -29,3 +29,11 @@ def test_a_disc_that_may_have_turned_once_more_is_certified_with_its_period(tmp_
     timing = measure(session_of("short disc", 0, 400.0, tmp_path))
     assert timing.synchronized
     assert timing.images.span.startswith(", or a multiple of 400 ms")
+
+
+def test_two_discs_fit_where_both_of_their_periods_do(tmp_path: Path) -> None:
+    """The second one alone fits 200 ms early: that was said, without the offsets at which both fit."""
+    timing = measure(session_of("two periods", 61, 400.0, tmp_path))
+    assert timing.offset
+    assert timing.late_ms == pytest.approx(400, abs=1.5)
+    assert timing.images.span.startswith(", or a multiple of 1200 ms")

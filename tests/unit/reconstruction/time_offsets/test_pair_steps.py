@@ -151,7 +151,7 @@ def test_a_recording_without_common_times_is_searched_then_measured_at_more_inst
     parts = {
         "measure": measure,
         "_activity": activities.__getitem__,
-        "_repetition": {"L": 0.0, "R": 700.0}.__getitem__,
+        "_repetitions": {"L": [0.0], "R": [700.0]}.__getitem__,
     }
     searched: list[Any] = []
 
@@ -177,12 +177,37 @@ def test_a_recording_without_common_times_is_searched_then_measured_at_more_inst
     assert apart._measure_anywhere("L", "R").reason == "the motion repeats"
 
 
+@pytest.mark.parametrize(
+    ("votes", "whole_ms", "offset_ms", "span_ms"),
+    [
+        # Discs of 400 and 600 ms: the second alone, then both, also twelve hundred earlier.
+        ({-200.0: 170.0, 0.0: 65.0, 400.0: 235.0, -800.0: 235.0, 1000.0: 170.0}, 0.0, 400.0, 1200.0),
+        ({-200.0: 170.0, 400.0: 235.0, 1000.0: 170.0}, 0.0, 400.0, 0.0),
+        # Both orders: an offset of few points is not taken, and what all repeats has its own span.
+        ({-200.0: 170.0, 0.0: 65.0, 400.0: 100.0}, 0.0, -200.0, 0.0),
+        ({-200.0: 170.0, 400.0: 235.0}, 600.0, -200.0, 0.0),
+    ],
+)
+def test_an_offset_of_one_body_gives_way_to_one_of_all_whole_periods_away(
+    votes: dict[float, float], whole_ms: float, offset_ms: float, span_ms: float
+) -> None:
+    def measure(*pair: Any, rough: tuple[float, float] = (-200.0, 300.0), **_beside: Any) -> OffsetFit:
+        near = [ms for ms in votes if abs(ms - rough[0]) < PERIOD_MS]
+        if not near:
+            return OffsetFit(reason="nothing agrees")
+        return OffsetFit(near[0], 0.5, votes=votes[near[0]], unvoted=tuple(range(10)))
+
+    repeats = {"L": [0.0, 398.0, 603.0], "R": [whole_ms]}.__getitem__
+    fit = finder(dataset=take(100), measure=measure, _repetitions=repeats)._measure_anywhere("L", "R")
+    assert (fit.offset_ms, fit.repeats_ms) == (offset_ms, span_ms)
+
+
 @pytest.mark.parametrize("offset_ms", [None, 3.0])
 def test_a_fit_says_which_cameras_were_moved_show_a_screen_and_repeat(offset_ms: float | None) -> None:
     parts: dict[str, Any] = {
         "_rest": {"L": ((), "L itself was moved"), "R": ((), "")}.__getitem__,
         "_screen": {"L": np.zeros(3, bool), "R": np.array([False, True, False])}.__getitem__,
-        "_repetition": {"L": 0.0, "R": 700.0}.__getitem__,
+        "_repetitions": {"L": [0.0, 300.0], "R": [700.0]}.__getitem__,
     }
     fit = OffsetFit(offset_ms, None if offset_ms is None else 0.5, "" if offset_ms else "nothing agrees")
     limited = finder(**parts)._limited(fit, ("L", "R"))
@@ -193,7 +218,7 @@ def test_a_fit_says_which_cameras_were_moved_show_a_screen_and_repeat(offset_ms:
         assert finder(**parts)._limited(fit, ("L", "R")).reason == "nothing agrees"
         return
     assert (limited.screens, limited.repeats_ms) == (("R",), 700.0)
-    parts["_repetition"] = lambda camera: 0.0
+    parts["_repetitions"] = lambda camera: [0.0, 300.0]
     parts["_turning_ms"] = lambda camera, fit: {"L": 450.0}[camera]
     assert finder(**parts)._limited(fit, ("L", "R")).repeats_ms == 450.0
 

@@ -15,7 +15,7 @@ from reconstruction.report.findings import sentences
 from reconstruction.scene.dataset import Dataset
 from reconstruction.time_offsets.crossings import InstantOffset, OffsetFit
 from reconstruction.time_offsets.pair_offset import PairOffsets
-from reconstruction.time_offsets.repetition import repetition_ms
+from reconstruction.time_offsets.repetition import repetitions_ms
 from reconstruction.time_offsets.rig_offsets import adjust_offsets, with_changes
 from reconstruction.time_offsets.session_offsets import TimeResult
 from tests.unit.reconstruction.conftest import texture
@@ -70,26 +70,29 @@ class Film:
 
 
 @pytest.mark.parametrize(
-    ("drawn", "frames"),
+    ("drawn", "frames", "of_parts"),
     [
-        ((disc(1 / 12),), 12),
-        ((disc(1 / 12.5),), 12.5),
-        ((disc(1 / 12), disc(1 / 12, left=110)), 12),
-        ((disc(1 / 12), disc(1 / 15, left=110)), 0),
-        ((disc(1 / 12), walker), 0),
-        ((walker,), 0),
-        ((disc(1 / 60),), 0),
-        ((), 0),
+        ((disc(1 / 12),), 12, []),
+        ((disc(1 / 12.5),), 12.5, []),
+        ((disc(1 / 12), disc(1 / 12, left=110)), 12, []),
+        ((disc(1 / 12), disc(1 / 15, left=110)), 0, [12, 15]),
+        ((disc(1 / 12), walker), 0, [12]),
+        ((walker,), 0, []),
+        ((disc(1 / 60),), 0, []),
+        ((), 0, []),
     ],
 )
-def test_a_period_is_that_of_all_that_moves(drawn: tuple[Drawn, ...], frames: float) -> None:
-    found = repetition_ms(cast("Dataset", Film(*drawn)), "a")
-    assert found == pytest.approx(frames * PERIOD_MS, abs=PERIOD_MS / 4)
+def test_a_period_is_that_of_all_that_moves_or_of_a_part(
+    drawn: tuple[Drawn, ...], frames: float, of_parts: list[float]
+) -> None:
+    whole, *parts = repetitions_ms(cast("Dataset", Film(*drawn)), "a")
+    assert whole == pytest.approx(frames * PERIOD_MS, abs=PERIOD_MS / 4)
+    assert sorted(parts) == pytest.approx([part * PERIOD_MS for part in of_parts], abs=PERIOD_MS / 4)
 
 
 def test_a_take_of_few_images_shows_no_period() -> None:
-    assert repetition_ms(cast("Dataset", Film(disc(1 / 2), count=6)), "a") == 0
-    assert repetition_ms(cast("Dataset", Film(disc(1 / 2), count=1)), "a") == 0
+    for count in (6, 1):
+        assert repetitions_ms(cast("Dataset", Film(disc(1 / 2), count=count)), "a") == [0]
 
 
 @pytest.mark.parametrize(("late_ms", "certified"), [(0.1, True), (8.0, False)])

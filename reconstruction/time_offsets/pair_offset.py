@@ -155,7 +155,7 @@ class PairOffsets:
             partial(self.measure, first, second),
             self._activity(first),
             self._activity(second),
-            self._repetition_ms((first, second)),
+            max(map(self._repetitions, (first, second))),
             self.dataset.period_ns / 1e6,
         )
         if isinstance(rough, str):
@@ -174,8 +174,8 @@ class PairOffsets:
         Of two discs, each alone fits at all of its own periods, as a disc does beside somebody who walks.
         """
         both, period_ms, fit = (first, second), self.dataset.period_ns / 1e6, self.measure(first, second)
-        lags_ms = self._repetitions(first)[1:] or self._repetitions(second)[1:]
-        if fit.offset_ms is None or not lags_ms or self._repetition_ms(both):
+        whole_ms, *lags_ms = max(map(self._repetitions, both))
+        if fit.offset_ms is None or whole_ms or not lags_ms:
             return fit
         data = self.dataset
         equal, _ = equal_offsets(
@@ -190,10 +190,6 @@ class PairOffsets:
             fit = self.measure(*both, rough=(nearest_ms, 1.5 * period_ms))
         spans_ms = (abs(ms - nearest_ms) for ms in equal if ms != nearest_ms)
         return replace(fit, repeats_ms=min(spans_ms, default=0.0))
-
-    def _repetition_ms(self, cameras: Sequence[str]) -> float:
-        """Return the period of all that moves in front of one of the cameras; 0 if there is none."""
-        return max(self._repetitions(camera)[0] for camera in cameras)
 
     def _measure(
         self,
@@ -310,7 +306,7 @@ class PairOffsets:
         if fit.offset_ms is None:
             beside = f" beside the screen in the pictures of {' and '.join(screens)}" if screens else ""
             return replace(fit, moved=moved, reason=fit.reason + beside)
-        repeats_ms = self._repetition_ms(cameras) or self._turning_ms(cameras[0], fit)
+        repeats_ms = max(map(self._repetitions, cameras))[0] or self._turning_ms(cameras[0], fit)
         return replace(fit, moved=moved, screens=screens, repeats_ms=repeats_ms)
 
     def _turning_ms(self, camera: str, fit: OffsetFit) -> float:

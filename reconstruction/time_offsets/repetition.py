@@ -27,7 +27,7 @@ def middle_images(dataset: Dataset, camera: str) -> tuple[Sequence[int], Array]:
     return there, np.array(images, np.float32)
 
 
-def repetitions_ms(dataset: Dataset, camera: str) -> Sequence[float]:
+def repetitions_ms(dataset: Dataset, camera: str) -> list[float]:
     """Return the period of all that moves in a camera's images, or 0, and then other periods of parts, ms.
 
     A period is the first maximum of the images' autocorrelation, without what stands still, in steps of half

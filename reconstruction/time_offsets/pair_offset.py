@@ -187,9 +187,9 @@ class PairOffsets:
         )
         nearest_ms = min(equal, key=abs, default=fit.offset_ms)
         if abs(nearest_ms - fit.offset_ms) > period_ms:
-            fit = self.measure(*both, rough=(nearest_ms, 1.5 * period_ms))
+            fit = replace(self.measure(*both, rough=(nearest_ms, 1.5 * period_ms)), repeats_ms=0.0)
         spans_ms = (abs(ms - nearest_ms) for ms in equal if ms != nearest_ms)
-        return replace(fit, repeats_ms=min(spans_ms, default=0.0))
+        return replace(fit, repeats_ms=min(spans_ms, default=fit.repeats_ms))
 
     def _measure(
         self,

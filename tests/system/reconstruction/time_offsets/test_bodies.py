@@ -25,8 +25,12 @@ def test_a_television_alone_is_named(tmp_path: Path) -> None:
     assert timing.reason.endswith("beside the screen in the pictures of left and right")
 
 
-def test_a_disc_that_may_have_turned_once_more_is_certified_with_its_period(tmp_path: Path) -> None:
-    timing = measure(session_of("short disc", 0, 400.0, tmp_path))
+@pytest.mark.parametrize("seed", [0, 63])
+def test_a_disc_that_may_have_turned_once_more_is_certified_with_its_period(
+    tmp_path: Path, seed: int
+) -> None:
+    """In 63, a part of the picture seems to repeat after a third of a turn."""
+    timing = measure(session_of("short disc", seed, 400.0, tmp_path))
     assert timing.synchronized
     assert timing.images.span.startswith(", or a multiple of 400 ms")
 

@@ -251,9 +251,9 @@ def judge_timing(
         f"{other}'s frames wander by ± {SIGMAS * (jitter_ms or 0.0):.1f} ms": jitter_ms is not None,
         f"the calibration does not fit the pictures: {points} are {fit.misfit_px or 0.0:.1f} pixels off "
         "their epipolar lines; check it with a board": fit.misfit_px is not None,
-        # Within a clear offset's own error, a slope may be that of what was seen first and last.
+        # Within an offset's own error, a slope may be that of what was seen first and last.
         f"the offset changes over the take, to {end_ms:+.1f} ms": abs(end_ms) > limit_ms
-        and abs(end_ms - late) > (ODD_SIGMAS * sd if offset else 0.0),
+        and (abs(end_ms - late) > ODD_SIGMAS * sd if offset else SIGMAS * sd <= limit_ms),
         "the error of the measured offset is more than a tenth of a frame": SIGMAS * sd > limit_ms,
         f"{len(odd_ms)} of {len(instants)} instants disagree with the others": bool(odd_ms),
         f"instant {listed} disagrees with the others": len(unknown.disagreeing) == 1,

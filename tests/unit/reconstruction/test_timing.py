@@ -246,6 +246,15 @@ def test_a_slope_within_the_error_of_a_clear_offset_is_not_called_a_change() -> 
     assert (beyond.offset, beyond.reason) == (True, "the offset changes over the take, to +7.6 ms")
 
 
+def test_a_slope_of_an_offset_that_is_known_poorly_is_not_called_a_change() -> None:
+    """A take before a television was said to change to -5.9 ms; its offset was 0.4 ± 4.6 ms."""
+    slope = [1.5 + 0.2 * (k - 10) for k in range(21)]
+    poor, good = (judged(1.5, sd_ms, *slope) for sd_ms in (2.3, 0.9))
+    assert (poor.offset, poor.synchronized, good.synchronized) == (False, False, False)
+    assert poor.reason == "the error of the measured offset is more than a tenth of a frame"
+    assert good.reason == "the offset changes over the take, to +3.5 ms"
+
+
 def test_a_calibration_that_does_not_fit_leaves_nothing_to_depth() -> None:
     found = judge_timing(PAIR, OffsetFit(reason="it does not fit", misfit_px=12.8), 0.0, FRAME_MS)
     assert with_curve_peak(found, dict.fromkeys(range(8), 33.3), FRAME_MS) == found

@@ -6,11 +6,13 @@
     python -m benchmarks.reconstruction.depth_confidence --row FOLDER       real images: see `camera_rows`
     python -m benchmarks.reconstruction.depth_confidence --rooms 72         rooms of `confidence_scenes`
     python -m benchmarks.reconstruction.depth_confidence --fit              `WEIGHTS`, by 180 other rooms
+    python -m benchmarks.reconstruction.depth_confidence --fit-odds         `ODDS`, by `confidence_rooms.csv`
 
 Right is within 2 % of the true depth. Each row counts the depths of all cameras with a truth; ranges with
 under 1 % of a row's pixels are left out. Rooms are counted apart by whether their calibration could be
 checked (if not, it counts as off by 0.5 px); and, with those taken as exact, by whether their kind was fitted
-and by what is said.
+and by what is said. `held` is how often the interval of a room's reference camera contains what is right.
+`--store FILE` appends rooms to such a file.
 
 All depths of a rig share the error of its poses, so that only many draws of it can be judged together: `±` is
 the standard error of said minus right by the draws, often 10 points with four to eight of them. The draws of
@@ -19,11 +21,12 @@ of cameras.
 """
 
 import contextlib
+import csv
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -33,12 +36,14 @@ from benchmarks.reconstruction.confidence_scenes import FITTED, KINDS, draw_room
 from benchmarks.reconstruction.multiview_scenes import SCENES, Condition, Rendered
 from benchmarks.report import new_parser, print_report, print_rows, talk
 from capture_app.common.errors import NotApplicableError
+from capture_app.common.grouping import grouped
 from reconstruction.common.geometry import Array, View
 from reconstruction.depth.rough_scene import find_rough_scene
-from reconstruction.depth.view_choice import choose_source_views
+from reconstruction.depth.view_choice import choose_reference_view, choose_source_views
 from reconstruction.method.truth import right_depth
 from reconstruction.methods.multiview.confidence import (
     WEIGHTS,
+    how_checked,
     measure_support,
     measure_terms,
 )
@@ -70,6 +75,11 @@ NEAR = 0.08
 SURE = 0.7
 """Mean confidence that parts the rows of rooms, as those below it are far less near."""
 MIN_SHARE = 0.01
+STORED = Path(__file__).with_name("confidence_rooms.csv")
+"""Rooms that `ODDS` are fitted to, each by its reference camera: of `--rooms 72 --first 500`, `--first 600`,
+`--rooms 36 --first 3000 --pose-error 0.5` and `--fit --rooms 106`, those of more than two cameras."""
+HELD = 0.95
+"""Fraction of rooms whose right depth is in the interval that is said."""
 COLUMNS = {
     "case": ("case", ""),
     "misfit_px": ("misfit, px", ".2f"),
@@ -90,7 +100,22 @@ SUMMARY = {
     "distance": ("mean distance", ".1%"),
     "too_sure": ("too sure", ""),
     "too_modest": ("too modest", ""),
+    "held": ("held", ".0%"),
+    "width": ("mean width", ".0%"),
 }
+
+
+class Reference(NamedTuple):
+    """What is said of a rig's reference camera, and what is right; fractions of its pixels with depth."""
+
+    case: str
+    cameras: int
+    misfit_px: float | None
+    said: float
+    right: float
+    low: float = 0.0
+    high: float = 1.0
+    """Ends of the interval that is said."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,6 +133,8 @@ class Judged:
     right: Array
     misfit_px: float | None
     cpu_s: float
+    reference: Reference | None
+    """None without depth."""
 
 
 def judge(case: str, images: Mapping[str, InputImage], truth: Mapping[str, Array]) -> Judged:
@@ -125,7 +152,21 @@ def judge(case: str, images: Mapping[str, InputImage], truth: Mapping[str, Array
         name: (view.depth > 0) & (truth[name] > 0) & ~images[name].outside for name, view in depths.items()
     }
     talk(f"{case}: {len(depths)} maps")
-    said, _ = measure_confidence(images, sources, depths, checked, 0.0)
+    confidence = measure_confidence(images, sources, depths, checked, 0.0)
+    said = {name: sure for name, (sure, _) in confidence.items()}
+    right = {name: right_depth(depths[name].depth, truth[name])[known[name]] for name in known}
+    reference = None
+    if any(mask.any() for mask in known.values()):
+        name = choose_reference_view({name: calibrated[name].view for name in depths}, scene.points)
+        coverage = float((depths[name].depth > 0).mean())
+        reference = Reference(
+            case,
+            len(images),
+            checked.errors_px.get(name, checked.error_px),
+            float(said[name][known[name]].mean()),
+            float(right[name].mean()),
+            *(end / coverage for end in confidence[name][1]),
+        )
     terms = {
         name: np.stack([np.broadcast_to(terms[term], known[name].shape)[known[name]] for term in WEIGHTS], 1)
         for name, terms, _, _ in measure_terms(*matched)
@@ -140,9 +181,10 @@ def judge(case: str, images: Mapping[str, InputImage], truth: Mapping[str, Array
         np.concatenate([np.zeros((0, len(WEIGHTS))), *terms.values()]),
         np.concatenate([np.zeros(0), *(said[n][known[n]] for n in known)]),
         float(np.concatenate(exact).mean()) if exact else 0.0,
-        np.concatenate([np.zeros(0), *(right_depth(depths[n].depth, truth[n])[known[n]] for n in known)]),
+        np.concatenate([np.zeros(0), *right.values()]),
         checked.error_px,
         cpu_s,
+        reference,
     )
 
 
@@ -162,7 +204,8 @@ def judge_scene(
     for camera, image in images.items():
         known = replace(image.calibrated, moving=dilate(shown.movers[camera], MARGIN_PX))
         images[camera] = replace(image, calibrated=known)
-    return judge(f"{rendered.name}, {condition}, {len(views)} cameras", images, shown.depth)
+    turned = f", turned by {pose_error_px} px" if pose_error_px else ""
+    return judge(f"{rendered.name}, {condition}, {len(views)} cameras{turned}", images, shown.depth)
 
 
 def _turned(view: View, angles: Array) -> View:
@@ -200,11 +243,12 @@ def reliability(draws: Sequence[Judged]) -> dict[str, Any]:
     return row | {"worst": max(differences, key=abs)}
 
 
-def judge_rooms(kinds: Sequence[str], first: int, count: int) -> Iterator[Judged]:
+def judge_rooms(kinds: Sequence[str], first: int, count: int, pose_error_px: float = 0.0) -> Iterator[Judged]:
     """Judge rooms of these kinds in turn, by seeds from the first one; those without depth are left out."""
     for seed in range(first, first + count):
         with contextlib.suppress(NotApplicableError):
-            judged = judge_scene(draw_room(kinds[seed % len(kinds)], seed), "synced", None, 0.0)
+            room = draw_room(kinds[seed % len(kinds)], seed)
+            judged = judge_scene(room, "synced", None, pose_error_px, seed)
             if len(judged.right):
                 yield judged
 
@@ -234,32 +278,72 @@ def fit_weights(rooms: Iterable[Judged]) -> dict[str, float]:
     return {name: round(float(weight), 2) for name, weight in zip(WEIGHTS, weights, strict=True)}
 
 
+def fit_odds(rooms: Iterable[Reference]) -> tuple[float, float]:
+    """Return the factors of the odds said between which those of `HELD` of unseen rooms are.
+
+    These are order statistics of the rooms' own factors (split conformal prediction, Vovk et al. 2005): half
+    of the other rooms are beyond each.
+    """
+    odds = sorted(room.right * (1 - room.said) / ((1 - room.right) * room.said) for room in rooms)
+    beyond = max(int((len(odds) + 1) * (1 - HELD) / 2), 1)
+    return float(f"{odds[beyond - 1]:.2g}"), float(f"{odds[-beyond]:.2g}")
+
+
+def fit_all_odds(rooms: Iterable[Reference]) -> dict[str, tuple[float, float]]:
+    """Return the product's `ODDS`."""
+    groups = grouped((how_checked(room.misfit_px), room) for room in rooms)
+    return {name: fit_odds(its) for name, its in groups.items()}
+
+
+def store_rooms(path: Path, rooms: Iterable[Judged]) -> None:
+    """Append rooms of more than two cameras to a file."""
+    with path.open("a", encoding="utf-8", newline="") as file:
+        own = [room.reference for room in rooms if room.reference is not None and room.cameras > 2]
+        csv.writer(file).writerows(
+            [room.case, *(None if value is None else round(value, 4) for value in room[1:5])] for room in own
+        )
+
+
+def read_rooms(path: Path) -> list[Reference]:
+    """Return the rooms of a file."""
+    with path.open(encoding="utf-8", newline="") as file:
+        return [
+            Reference(case, int(cameras), float(px) if px else None, float(said), float(right))
+            for case, cameras, px, said, right in csv.reader(file)
+        ]
+
+
 def summary(rooms: Sequence[Judged]) -> list[dict[str, Any]]:
     """Return how near the rows of rooms are, by groups: each room of more than two cameras is in three."""
-    groups: dict[str, list[float]] = {}
+    groups: dict[str, list[tuple[float, Judged]]] = {}
     for room in rooms:
         said, right = float(room.said.mean()), float(room.right.mean())
         if room.cameras == 2:
-            groups.setdefault("two cameras", []).append(said - right)
+            groups.setdefault("two cameras", []).append((said - right, room))
             continue
         checked = "checked" if room.misfit_px else "not checked"
-        groups.setdefault(f"calibration {checked}", []).append(said - right)
+        groups.setdefault(f"calibration {checked}", []).append((said - right, room))
         fitted = "fitted" if room.case.split()[0] in FITTED else "not fitted"
         said_of = f"{'over' if room.exact > SURE else 'up to'} {SURE:.0%} said"
         for group in (f"kinds {fitted}", said_of):
-            groups.setdefault(f"{group}, exact if not checked", []).append(room.exact - right)
-    return [
-        {
-            "rooms": group,
-            "count": len(off),
-            "near": float((np.abs(off) <= NEAR).mean()),
-            "mean": float(np.mean(off)),
-            "distance": float(np.abs(off).mean()),
-            "too_sure": int((np.array(off) > NEAR).sum()),
-            "too_modest": int((np.array(off) < -NEAR).sum()),
-        }
-        for group, off in sorted(groups.items())
-    ]
+            groups.setdefault(f"{group}, exact if not checked", []).append((room.exact - right, room))
+    return [_summed(group, rooms) for group, rooms in sorted(groups.items())]
+
+
+def _summed(group: str, rooms: Sequence[tuple[float, Judged]]) -> dict[str, Any]:
+    off = np.array([off for off, _ in rooms])
+    own = [room.reference for _, room in rooms if room.reference is not None]
+    return {
+        "rooms": group,
+        "count": len(off),
+        "near": float((np.abs(off) <= NEAR).mean()),
+        "mean": float(np.mean(off)),
+        "distance": float(np.abs(off).mean()),
+        "too_sure": int((off > NEAR).sum()),
+        "too_modest": int((off < -NEAR).sum()),
+        "held": float(np.mean([room.low <= room.right <= room.high for room in own])),
+        "width": float(np.mean([room.high - room.low for room in own])),
+    }
 
 
 def cases(
@@ -298,18 +382,27 @@ def main() -> None:
         type=int,
         help=f"of a scene [default: {CAMERAS}, of a row all]",
     )
-    parser.add_argument("--pose-error", type=float, default=0.0, metavar="PX", help="of the scenes' cameras")
+    parser.add_argument("--pose-error", type=float, default=0.0, metavar="PX", help="of cameras")
     parser.add_argument("--draws", type=int, default=1, help="of the pose error, counted as one case")
     parser.add_argument("--rooms", type=int, metavar="N", help="drawn rooms instead of all else")
     parser.add_argument("--first", type=int, default=0, metavar="SEED", help="of the --rooms")
     parser.add_argument("--fit", action="store_true", help="to --rooms of other seeds [default: 180]")
+    parser.add_argument("--fit-odds", action="store_true", help="of the interval, to `confidence_rooms.csv`")
+    parser.add_argument("--store", type=Path, metavar="FILE", help="append rooms to such a file")
     asked = parser.parse_args()
+    if asked.fit_odds:
+        print(fit_all_odds(read_rooms(STORED)))
+        return
     if asked.fit:
-        fitted = judge_rooms([*FITTED], FIRST_FITTED, asked.rooms or 180)
+        fitted = list(judge_rooms([*FITTED], FIRST_FITTED, asked.rooms or 180))
+        if asked.store:
+            store_rooms(asked.store, fitted)
         print(fit_weights(room for room in fitted if room.cameras > 2))
         return
     if asked.rooms:
-        rooms = list(judge_rooms([*KINDS], asked.first, asked.rooms))
+        rooms = list(judge_rooms([*KINDS], asked.first, asked.rooms, asked.pose_error))
+        if asked.store:
+            store_rooms(asked.store, rooms)
         report = {"rows": [reliability([room]) for room in rooms], "groups": summary(rooms)}
         print_report(report, print_rooms, as_json=asked.json)
         return

@@ -52,8 +52,10 @@ from reconstruction.scene.calibration.consistency import CalibrationCheck, turn_
 from reconstruction.scene.conditions import Condition
 from reconstruction.scene.scene import Scene
 
-FIGURES = ("coverage", "expected_within_2pct", *DepthShares.__struct_fields__)
+FIGURES = ("coverage", "expected_within_2pct", "expected_range", *DepthShares.__struct_fields__)
 """Results of the reference view that represent its instant."""
+Confidence = tuple[Array, tuple[float, float]]
+"""Probability of each pixel's depth to be right, 0 without one, and the 95 % interval of its mean."""
 
 
 class MadeMultiview(Made[MultiviewResult]):
@@ -122,11 +124,11 @@ def model_instant(
         on_pair=partial(_show_pair, early) if early is not None else None,
     )
     images, sources, rough, maps = maps_found.images, maps_found.sources, maps_found.rough, maps_found.maps
-    checked, confidence, ends = None, dict[str, Array](), dict[str, tuple[float, float]]()
+    checked, confidence = None, dict[str, Confidence]()
     if options.check:
         checked = check_images(maps_found.usable)
         if not scene.lenses.doubt(rough=True):
-            confidence, ends = measure_confidence(images, sources, maps, checked, scene.scale_error)
+            confidence = measure_confidence(images, sources, maps, checked, scene.scale_error)
     residual_px = None if checked is None else checked.error_px
     views, pictures = image_views(images), image_colours(images)
     progress.step("fusing the maps into a cloud")
@@ -166,7 +168,6 @@ def model_instant(
         unit=scene.unit,
         reference=reference,
         **{name: getattr(own, name) for name in FIGURES},
-        expected_range=ends.get(reference),
         rest_error_px=None if residual_px is None else round(residual_px, 3),
         rest_errors_px={} if checked is None else {c: round(px, 3) for c, px in checked.errors_px.items()},
         rest_points=0 if checked is None else checked.points,
@@ -213,31 +214,28 @@ def measure_confidence(
     maps: Mapping[str, ViewDepth],
     checked: CalibrationCheck,
     scale_error: float,
-) -> tuple[dict[str, Array], dict[str, tuple[float, float]]]:
+) -> dict[str, Confidence]:
     """Return by camera the probability that depth is right, 0 where it is unknown; not of COLMAP's maps.
 
-    The second value is the range of its mean, by camera, of two cameras.
+    The second of each is the 95 % interval of its mean.
 
     `checked` has the misfits of points at rest to the calibration; `scale_error` is the relative standard
     deviation of its scale.
     """
     calibrated = {camera: image.calibrated for camera, image in images.items()}
-    files, ranges = {}, {}
+    result = dict[str, Confidence]()
     for camera, support in measure_support(calibrated, sources, maps):
         known, residual_px = maps[camera].depth > 0, checked.errors_px.get(camera, checked.error_px)
-        sure = support.confidence(residual_px, scale_error)
-        files[camera] = np.where(known, sure, 0).astype(np.float16)
-        if support.cameras == 2:
-            low, high = support.confidence_if_turned(residual_px, scale_error)
-            ranges[camera] = round(float((low * known).mean()), 4), round(float((high * known).mean()), 4)
-    return files, ranges
+        sure = np.where(known, support.confidence(residual_px, scale_error), 0).astype(np.float16)
+        result[camera] = sure, support.expected_range(known, residual_px, scale_error)
+    return result
 
 
 def write_view(
     scene: Scene,
     image: InputImage,
     found: ViewDepth,
-    confidence: Array | None,
+    confidence: Confidence | None,
     sources: Sequence[str],
     part: Path,
 ) -> ViewResult:
@@ -246,8 +244,8 @@ def write_view(
     maps: dict[str, Any] = {"depth": found.depth, "normals": found.normals.astype(np.float16)}
     pictures = {name: colour_depth(found.depth, *display_range(found.depth))}
     if confidence is not None:
-        maps[CONFIDENCE] = confidence
-        pictures[f"{CONFIDENCE}/{image.camera}"] = colour_confidence(confidence)
+        maps[CONFIDENCE] = confidence[0]
+        pictures[f"{CONFIDENCE}/{image.camera}"] = colour_confidence(confidence[0])
     for picture, drawn in pictures.items():
         (part / picture).parent.mkdir(exist_ok=True)
         write_image(part / f"{picture}.png", drawn)
@@ -263,7 +261,8 @@ def write_view(
         coverage=round(float(np.mean(found.depth > 0)), 4),
         depth=f"{name}.npz",
         picture=f"{name}.png",
-        expected_within_2pct=None if confidence is None else round(float(confidence.mean(dtype=float)), 4),
+        expected_within_2pct=None if confidence is None else round(float(confidence[0].mean(dtype=float)), 4),
+        expected_range=None if confidence is None else confidence[1],
         **shares,
     )
 

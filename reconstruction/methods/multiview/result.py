@@ -51,6 +51,11 @@ class ViewResult(DepthShares, frozen=True, kw_only=True):
     mover_coverage: float | None = None
     expected_within_2pct: float | None = None
     """Fraction of the pixels that are probably within 2 % of the true depth: the mean confidence."""
+    expected_range: tuple[float, float] | None = None
+    """95 % interval of that fraction; None = unknown, as in results of older versions.
+
+    Of two cameras, its lower end is for one that is turned sideways by 1 px, which they do not show.
+    """
 
 
 class CloudScore(Struct, frozen=True, kw_only=True):
@@ -82,7 +87,6 @@ class MultiviewResult(Provenance, frozen=True, kw_only=True):
     coverage: float
     expected_within_2pct: float | None = None
     expected_range: tuple[float, float] | None = None
-    """Of two cameras, that fraction if one is turned sideways by 1 px, which they do not show, and if not."""
     within_2pct: float | None = None
     mover_within_2pct: float | None = None
     static_within_2pct: float | None = None
@@ -115,9 +119,12 @@ class MultiviewResult(Provenance, frozen=True, kw_only=True):
         """What the depth rests on, in words: the fit of points at rest, the scale, and what that means."""
         if warning := no_measurement(self.lenses):
             return warning
-        expected = self.expected_range or self.expected_within_2pct
         fit = describe_residual(
-            self.rest_error_px, self.rest_points, expected=expected, errors_px=self.rest_errors_px
+            self.rest_error_px,
+            self.rest_points,
+            expected=self.expected_within_2pct,
+            expected_range=self.expected_range,
+            errors_px=self.rest_errors_px,
         )
         if self.turn_error is not None:
             fit = f"{fit}; {describe_sideways_error(self.turn_error)}"

@@ -126,13 +126,14 @@ def describe_residual(
     error_px: float | None,
     points: int,
     remedy: str = "calibrate the rig again, or try --refine",
-    expected: float | tuple[float, float] | None = None,
+    expected: float | None = None,
+    expected_range: tuple[float, float] | None = None,
     errors_px: Mapping[str, float] | None = None,
 ) -> str:
     """Describe how well points at rest fit the calibration that depth rests on.
 
-    `expected`: fraction of the pixels that are probably right, or its range by a turn that two
-    cameras do not show; None = unknown, then of a simulated rig. `errors_px`: misfit by camera.
+    `expected`: fraction of the pixels that are probably right, with its 95 % interval; None = unknown, then
+    that of a simulated rig. `errors_px`: misfit by camera.
     """
     return render_sentences(
         "misfit.txt",
@@ -142,6 +143,7 @@ def describe_residual(
         points=points,
         remedy=remedy,
         expected=expected,
+        expected_range=expected_range,
         inaccurate_px=INACCURATE_PX,
         unmeasured_px=UNMEASURED_PX,
     )

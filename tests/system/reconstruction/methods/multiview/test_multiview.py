@@ -48,6 +48,8 @@ def test_depth_cloud_and_mesh_of_an_instant(trio: Session, tmp_path: Path, recon
     left = next(view for view in result["views"] if view["camera"] == "left")
     assert left["expected_within_2pct"] == pytest.approx(confidence.mean(), abs=1e-3)
     assert left["expected_within_2pct"] == pytest.approx(left["within_2pct"], abs=0.06)
+    low, high = left["expected_range"]
+    assert low < left["within_2pct"] < high < 1
     assert cv2.imread(str(out / "confidence" / "left.png")).std() > 10
     assert cv2.imread(str(out / "turntable.png")).std() > 10
     assert sorted(path.name for path in tmp_path.iterdir()) == ["out"]
@@ -151,7 +153,7 @@ def test_patchmatch_runs_on_the_gpu_when_asked_for_and_auto_is_the_sweep(
     assert result["fused_points"] > 5000
 
 
-def test_two_cameras_say_which_range_of_pixels_is_right(
+def test_two_cameras_say_a_wide_range_of_right_pixels(
     trio: Session, tmp_path: Path, reconstruct: Reconstruct
 ) -> None:
     known = trio.calibration()
@@ -161,8 +163,9 @@ def test_two_cameras_say_which_range_of_pixels_is_right(
     result = json.loads((tmp_path / "out" / "multiview.json").read_bytes())
     low, high = result["expected_range"]
     assert low < result["expected_within_2pct"] < high
-    assert low <= result["within_2pct"] <= high + 0.12
-    assert f"{100 * low:.0f} to {100 * high:.0f} % of the pixels are expected within 2 %" in done.out
+    assert low <= result["within_2pct"] <= high
+    said = f"({100 * low:.0f} to {100 * high:.0f}; 95 %) of the pixels are expected within 2 %"
+    assert said in done.out
 
 
 def test_depth_of_unknown_scale_is_not_compared_with_the_truth(

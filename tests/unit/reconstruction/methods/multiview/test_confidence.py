@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from benchmarks.reconstruction.depth_confidence import STORED, fit_all_odds, read_rooms
 from reconstruction.common.geometry import Array
 from reconstruction.depth.calibrated_image import CalibratedImage
 from reconstruction.depth.plane_sweep import Surface
@@ -16,6 +17,7 @@ from reconstruction.methods.multiview.confidence import (
     ASSUMED_RESIDUAL_PX,
     BLANK_POINTS_PX,
     FREEDOM,
+    ODDS,
     PAIR_POSE_FACTOR,
     POINTS_PX,
     POSE_FACTOR,
@@ -288,6 +290,37 @@ def test_the_support_of_a_view_knows_the_cameras_of_its_rig() -> None:
 def test_maps_without_a_surface_have_no_confidence() -> None:
     images = {"left": photo_of(view_at(0.0), np.zeros(2))[0]}
     assert not list(measure_support(images, {"left": []}, {"left": ViewDepth(wall(), wall())}))
+
+
+def odds(part: float) -> float:
+    """Odds of a probability."""
+    return part / (1 - part)
+
+
+def test_what_is_expected_has_an_interval_of_odds_in_the_pixels_with_depth() -> None:
+    support = DepthSupport(np.array([-1.0, 0.5, 2.0, 9.0]), np.full(4, 8.0), 5)
+    for residual_px, checked in ((0.1, "checked"), (0.3, "misfit"), (None, "not checked")):
+        mean = float(support.confidence(residual_px)[:3].mean())
+        whole = support.expected_range(np.array([True, True, True, False]), residual_px)
+        assert [odds(end / 0.75) / odds(mean) for end in whole] == pytest.approx(ODDS[checked], rel=0.01)
+        assert whole[0] < 0.75 * mean < whole[1] < 0.75
+    assert support.expected_range(np.zeros(4, bool), 0.1) == (0, 0)
+    sure = DepthSupport(np.full(1, 60.0), np.full(1, 1e3), 1000)
+    assert sure.expected_range(np.ones(1, bool), 0.08) == (1, 1)
+
+
+def test_the_interval_of_two_cameras_is_also_that_of_a_turn() -> None:
+    support, known = DepthSupport(np.full(3, 2.0), np.array([0.4, 0.8, 4.0]), 2), np.ones(3, bool)
+    ends = [float(end.mean()) for end in support.confidence_if_turned(0.1)]
+    told = support.expected_range(known, 0.1)
+    assert [odds(end) for end in told] == pytest.approx(
+        [odds(end) * factor for end, factor in zip(ends, ODDS["checked"], strict=True)], rel=0.01
+    )
+
+
+def test_the_interval_is_that_of_the_stored_rooms() -> None:
+    """Factors of the odds that another 95 % of rooms are between."""
+    assert fit_all_odds(read_rooms(STORED)) == ODDS
 
 
 def test_two_cameras_are_never_surer_than_an_unseen_turn_allows() -> None:

@@ -256,8 +256,8 @@ def result(**changes: Any) -> MultiviewResult:
 
 def test_depth_says_what_it_rests_on() -> None:
     assert result().basis.startswith("points at rest fit within 0.10 px (120 matches)")
-    assert "62 % of the pixels" in result(expected_within_2pct=0.62).basis
-    assert "20 to 70" in result(expected_within_2pct=0.62, expected_range=(0.2, 0.7)).basis
+    assert "62 % (error unknown) of the pixels" in result(expected_within_2pct=0.62).basis
+    assert "62 % (20 to 70; 95 %)" in result(expected_within_2pct=0.62, expected_range=(0.2, 0.7)).basis
     assert "two cameras do not show a turn sideways" in result(turn_error=0.02).basis
     assert "warning" not in result(scale_error=0.0049).basis
     assert "may be wrong by the same 0.5 % (standard deviation)" in result(scale_error=0.005).basis

@@ -144,9 +144,9 @@ def test_depth_says_what_it_rests_on(px: float | None, text: str) -> None:
 
 
 def test_a_measured_expectation_stands_in_place_of_the_simulated_rigs() -> None:
-    assert describe_residual(0.21, 1200, expected=0.915) == (
+    assert describe_residual(0.21, 1200, expected=0.915, expected_range=(0.803, 0.964)) == (
         "points at rest fit within 0.21 px (1,200 matches); "
-        "92 % of the pixels are expected within 2 % of the true depth"
+        "92 % (80 to 96; 95 %) of the pixels are expected within 2 % of the true depth"
     )
     assert "in the mean of rigs with such a misfit" in describe_residual(0.71, 1200, expected=0.4)
 
@@ -160,11 +160,11 @@ def test_a_single_camera_that_does_not_fit_is_enough_for_a_warning() -> None:
     assert text.endswith("calibrate the rig again, or try --refine")
 
 
-def test_two_cameras_say_a_range_instead_of_a_mean() -> None:
-    assert describe_residual(0.05, 1200, expected=(0.021, 0.803)).endswith(
-        "2 to 80 % of the pixels are expected within 2 % of the true depth, "
-        "depending on how far one camera is turned sideways (up to 1 px), which two do not show"
+def test_a_calibration_that_could_not_be_checked_has_an_expectation_too() -> None:
+    assert describe_residual(None, 0, expected=0.0, expected_range=(0.0, 0.803)).endswith(
+        "too few points at rest; 0 % (0 to 80; 95 %) of the pixels are expected within 2 % of the true depth"
     )
+    assert describe_residual(None, 0).endswith("too few points at rest")
 
 
 def test_matches_for_which_opencv_fails_an_assertion_fit_no_geometry(monkeypatch: pytest.MonkeyPatch) -> None:

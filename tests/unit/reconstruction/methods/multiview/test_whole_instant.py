@@ -77,12 +77,14 @@ def check_files(result: MultiviewResult, out: Path, dataset: Dataset) -> None:
         assert made.normals(view.camera)[5, 5].tolist() == [0, 0, -1]
         assert made.normals(view.camera).dtype == np.float16
         assert view.expected_within_2pct == pytest.approx(made.confidence(view.camera).mean(), abs=1e-3)
-        assert view.expected_within_2pct > 0.5
+        assert view.expected_range is not None
+        assert 0.2 < view.expected_range[0] < view.expected_within_2pct < view.expected_range[1] < 1
         assert (view.instant, view.coverage, view.mover_coverage) == (2, 1, 1)
         assert {*view.sources} == {"left", "middle", "right"} - {view.camera}
         for folder in ("depth", "confidence"):
             assert np.asarray(cv2.imread(str(out / folder / f"{view.camera}.png"))).std() > 10
     assert result.expected_within_2pct == result.views[1].expected_within_2pct
+    assert result.expected_range == result.views[1].expected_range
     cloud = made.cloud
     assert len(cloud.points) == result.fused_points > 10_000
     seen = [visible_points(views[c].undistorted, made.depth(c), cloud.points) for c in views]
@@ -112,7 +114,7 @@ def test_true_maps_give_true_figures_and_all_files(
     assert 0 < result.rest_error_px < 0.15
     assert result.rest_errors_px.keys() == {"left", "middle", "right"}
     assert result.rest_points > 300
-    assert (result.left_out, result.turn_error, result.expected_range) == ({}, None, None)
+    assert (result.left_out, result.turn_error) == ({}, None)
     assert (result.cloud_points, result.mesh_triangles) == (result.fused_points, 0)
     assert result.files == ("fused.ply", "points.ply", "report.html", "multiview.json")
     assert {path.name for path in out.iterdir()} == {*result.files, "depth", "confidence"}
@@ -146,7 +148,7 @@ def test_maps_that_are_wrong_where_something_moves_are_scored_so(
     assert result.moving_measured is not None
     assert 0 < result.moving_measured < 0.3
     assert (result.rest_error_px, result.rest_errors_px, result.rest_points) == (None, {}, 0)
-    assert result.expected_within_2pct is None
+    assert (result.expected_within_2pct, result.expected_range) == (None, None)
     assert {path.name for path in (tmp_path / "out").iterdir()} == {*result.files, "depth"}
     assert "How far to trust it" not in (tmp_path / "out" / "report.html").read_text()
     # No two cameras agree about it.

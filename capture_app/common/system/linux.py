@@ -124,7 +124,7 @@ def limit_heaps(heaps: int) -> None:
 
 
 def reuse_freed_memory() -> None:
-    """Let this process's next images use the memory that it has freed, up to 32 MB; only glibc returns so much.
+    """Let this process reuse up to 32 MB that it has freed for its next images; only glibc returns so much.
 
     By default, the memory of an image may be returned when it is freed, and cleared anew for the next one.
     """

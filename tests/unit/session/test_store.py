@@ -1,13 +1,16 @@
 """Sessions are written whole, read back as written, and never believed without a check."""
 
 import errno
+import io
 import os
 import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import msgspec
+import numpy as np
 import pytest
 
 from capture_app.common import system
@@ -23,7 +26,14 @@ from capture_app.common.errors import (
 from capture_app.session.files.disk import disk_error
 from capture_app.session.files.durable import PART, write_atomic
 from capture_app.session.files.locks import lock_folder, lock_handle
-from capture_app.session.format.manifest import JOURNAL, MANIFEST, BurstRecord, ImageRecord, inside
+from capture_app.session.format.manifest import (
+    JOURNAL,
+    MANIFEST,
+    BurstRecord,
+    ImageRecord,
+    WidenedTimes,
+    inside,
+)
 from capture_app.session.library.listing import list_sessions
 from capture_app.session.reading.reader import Session, is_being_written
 from capture_app.session.writing.session_writer import SessionWriter
@@ -335,3 +345,32 @@ def test_a_killed_writer_loses_nothing_it_promised(tmp_path: Path, calls: int) -
     with pytest.raises(IncompleteError, match="incomplete"):
         Session.open(folder)
     assert not is_being_written(folder)
+
+
+def test_an_image_is_as_unsure_as_its_camera_was_found_to_be_later(tmp_path: Path) -> None:
+    writer = SessionWriter.create(tmp_path, "take")
+    for instant, local_ns in enumerate((99, 100, 200, 201)):
+        errors: dict[str, Any] = {"uncertainty_ns": 5, "hard_bound_ns": 70}
+        times: dict[str, Any] = {"leader_ns": local_ns, "local_ns": local_ns}
+        writer.add_image(jpeg(instant), camera="left", instant=instant, **times, **errors)
+    doubt = WidenedTimes(
+        from_local_ns=100, until_local_ns=200, uncertainty_ns=60, hard_bound_ns=65, reason="its clock stepped"
+    )
+    camera = msgspec.structs.replace(camera_record("left"), clock=None, widened=(doubt,))
+    burst = BurstRecord(instants_ns=(0, 100, 200, 300), period_ns=100)
+    images = writer.finish([camera], burst).manifest.images
+    assert [image.uncertainty_ns for image in images] == [5, 60, 60, 5]
+    assert [image.hard_bound_ns for image in images] == [70, 70, 70, 70], "of two bounds the larger one holds"
+
+
+def test_true_depth_is_unknown_where_it_is_infinite(tmp_path: Path) -> None:
+    truth = io.BytesIO()
+    np.savez(truth, depth_m=np.array([[1.5, np.inf], [np.nan, 0.0]]), movers=np.array([[0, 1], [2, 0]]))
+    writer = SessionWriter.create(tmp_path, "take")
+    writer.add_image(jpeg(0), camera="left", instant=0, leader_ns=0, truth=truth.getvalue(), true_ns=7)
+    session = writer.finish([camera_record("left")], BurstRecord(instants_ns=(0,), period_ns=100))
+    known = session.read_ground_truth("left", 0)
+    assert known is not None
+    np.testing.assert_array_equal(known[0], [[1.5, 0], [0, 0]])
+    np.testing.assert_array_equal(known[1], [[False, True], [True, False]])
+    assert session.read_ground_truth("left", 1) is None

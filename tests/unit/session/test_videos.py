@@ -1,15 +1,19 @@
 """Recordings: frames in a video are images like others, and nothing about them is believed unchecked."""
 
+import dataclasses
 import hashlib
 import json
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
+from msgspec.structs import replace
 
 from capture_app.cli import run
 from capture_app.common.errors import BadInputError, DiskError, ExitCode
 from capture_app.companions.exporting.export_session import export_session
+from capture_app.session.format.manifest import BurstRecord
 from capture_app.session.library.changes import set_note
 from capture_app.session.library.listing import read_card
 from capture_app.session.reading.reader import Session
@@ -19,7 +23,7 @@ from capture_app.session.writing.recovery import SET_ASIDE
 from capture_app.session.writing.session_writer import SessionWriter
 from tests.unit.session.recorded import frame, record, save_frames
 
-from .conftest import jpeg, local_from_leader
+from .conftest import INSTANTS, camera_record, edit_manifest, jpeg, local_from_leader
 
 VIDEO, LINES = "videos/rig1/left.mjpeg", "videos/rig1/left.frames.ndjson"
 
@@ -48,6 +52,33 @@ def test_a_recording_is_a_session_like_any_other(recording: Session) -> None:
     sheet = TakeSheet.open(recording.folder)
     assert sheet.load("left", 2) is not None
     assert sheet.load("right", 2) is None
+
+
+def test_frames_of_a_staggered_recording_are_due_as_planned(tmp_path: Path) -> None:
+    writer, delay_ns = SessionWriter.create(tmp_path, "staggered"), 8_000_000
+    for instant in range(2):
+        save_frames(writer, frame("left", instant))
+        late = frame("right", instant)
+        leader_ns = late.record.leader_ns + delay_ns
+        times_ns = {"leader_ns": leader_ns, "local_ns": local_from_leader(leader_ns)}
+        save_frames(writer, dataclasses.replace(late, record=replace(late.record, **times_ns)))
+    cameras = [camera_record(name, width=32, height=24) for name in ("left", "right")]
+    cameras[1] = replace(cameras[1], delay_ns=delay_ns)
+    session = writer.finish(cameras, BurstRecord(instants_ns=INSTANTS[:2], period_ns=33_000_000))
+    assert [image.residual_ns for image in session.manifest.images] == [4_000] * 4
+    assert verify(session) == []
+
+
+def test_frames_of_no_instant_are_no_images(recording: Session) -> None:
+    def cut(content: dict[str, Any]) -> None:
+        content["burst"]["instants_ns"], content["missing"] = INSTANTS[:2], []
+        del content["sync"]
+
+    edit_manifest(recording, cut)
+    images = Session.open(recording.folder).manifest.images
+    assert [(image.camera, image.instant) for image in images] == [
+        ("left", 0), ("right", 0), ("left", 1), ("right", 1),
+    ]  # fmt: skip
 
 
 def test_a_recordings_manifest_stays_small_and_keeps_its_note(recording: Session) -> None:

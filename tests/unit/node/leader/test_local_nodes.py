@@ -90,6 +90,9 @@ async def test_a_node_that_ends_is_started_again_ever_later(
         waited_s = [after - before for before, after in zip(ended_s, started_s[1:], strict=False)]
         assert waited_s == pytest.approx(delays_s, abs=0.1)
         assert [*nodes.specs] == ["cam0"] * is_here
+        times = len(started_s)
+        assert await nodes.add_camera("replay:clip.mp4", "cam0") == "cam0"
+        assert len(started_s) == times + (not is_here), "a camera that was given up can be started by hand"
     assert [line.text for line in log.after(0)].count("cam0 ended; it is started again in 1 s") == 1 + is_here
 
 

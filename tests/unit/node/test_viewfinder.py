@@ -5,6 +5,7 @@ from collections.abc import AsyncGenerator, AsyncIterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
+from unittest.mock import AsyncMock
 
 import cv2
 import numpy as np
@@ -14,7 +15,6 @@ from numpy.typing import NDArray
 from capture_app.cameras.frames import CapturedFrame
 from capture_app.common.errors import IncompleteError
 from capture_app.net.channel import Channel, connect
-from capture_app.node.camera.viewfinder import small_jpeg
 from capture_app.node.leader import viewfinders
 from capture_app.node.leader.leader_node import LeaderNode
 from capture_app.protocol.messages import FromLeader, NodeStream
@@ -63,6 +63,8 @@ class Picture:
 
     def reduced(self, width: int) -> NDArray[np.uint8]:
         self.asked.append(width)
+        if self.level < 0:
+            raise ValueError("the JPEG is torn")
         return np.full((60, 80, 3), self.level, np.uint8)
 
 
@@ -243,9 +245,32 @@ def test_how_a_camera_runs_is_told_from_its_latest_frames() -> None:
     assert node.viewfinder.health == CameraHealth(fps=50.0, exposure_ns=4_000, gain=2.0)
 
 
-def test_a_picture_that_cannot_be_read_is_no_preview() -> None:
-    class Broken(Picture):
-        def reduced(self, width: int) -> NDArray[np.uint8]:
-            raise ValueError("not a JPEG")
+async def test_how_a_camera_runs_is_sent_once_it_has_changed() -> None:
+    node, channel = Node(), AsyncMock()
+    sending = asyncio.create_task(node.viewfinder._send_health(channel))
+    await asyncio.sleep(3.5)
+    assert [call.args for call in channel.send.await_args_list] == [(CameraHealth(),)]
+    for number in range(6):
+        node.see(number)
+    await asyncio.sleep(3.0)
+    sent = [call.args for call in channel.send.await_args_list[1:]]
+    assert sent == [(CameraHealth(fps=50.0, exposure_ns=4_000, gain=2.0),)]
+    sending.cancel()
 
-    assert small_jpeg(CapturedFrame(0, 0, 0, Broken(0)), 40) is None
+
+async def test_after_a_picture_that_cannot_be_read_the_next_is_shown() -> None:
+    node, channel = Node(), AsyncMock()
+    node.viewfinder.request = PreviewRequest(width=80, fps=50)
+    node.viewfinder._may_send.set()
+    showing = asyncio.create_task(node.viewfinder._show(channel))
+    for level in (-1, 77):
+        node.see(3, level)
+        await asyncio.sleep(0.1)
+    ((preview, jpeg),) = (call.args for call in channel.send.await_args_list)
+    assert (preview.width, preview.height, preview.leader_ns) == (80, 60, 960_000_007)
+    picture = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR)
+    assert abs(int(picture.mean()) - 77) < 3
+    node.see(4)
+    await asyncio.sleep(0.1)
+    assert channel.send.await_count == 1, "the leader has not seen the last one yet"
+    showing.cancel()

@@ -93,6 +93,7 @@ async def test_pins_that_are_pasted_on_both_sides_do_without_a_code(
         await connect(leader.own_address, FromLeader, trust=machine)
     with pytest.raises(UnknownMachineError, match="does not know this machine"):
         await ask_to_enrol(leader.own_address, machine)
+    assert not await is_known(leader.own_address, machine)
     assert home.known.all() == ()
     assert any("wants to join" in line for line in news(leader))
     home.known.add(machine.identity.pin, Role.CAMERA, name="garage")

@@ -11,7 +11,7 @@ from capture_app.common.pairing_codes import Role
 from capture_app.net.channel import Channel, connect
 from capture_app.node.camera.spool import Spool
 from capture_app.node.camera.uploader import Uploader
-from capture_app.node.enrolment import pair
+from capture_app.node.enrolment import ask_to_enrol, pair
 from capture_app.protocol.log import Log
 from capture_app.protocol.messages import (
     CameraReport,
@@ -159,3 +159,13 @@ async def test_a_node_that_pairs_with_a_relay_learns_whose_signature_it_needs(tm
         async with await start_leader(tmp_path / "s2", trust=trust) as new:
             await pair(new.own_address, new.enrolment.invite(Role.CAMERA).code, node)
         assert not node.roots_of(trust.identity.pin), "it is a leader itself now"
+
+
+async def test_a_node_whose_pin_was_pasted_at_a_relay_learns_whose_signature_it_needs(tmp_path: Path) -> None:
+    async with relays(tmp_path, 1) as (leader, near, trust):
+        node = Trust(tmp_path / "node")
+        node.known.add(trust.identity.pin, Role.LEADER)
+        trust.known.add(node.identity.pin, Role.CAMERA)
+        for _ in range(2):
+            await ask_to_enrol(near.address, node)
+            assert node.roots_of(trust.identity.pin) == (leader.options.trust.identity.pin,)

@@ -3,21 +3,30 @@
 import asyncio
 import random
 from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, suppress
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from capture_app.common.address import Address
+from capture_app.common.errors import NetworkError
 from capture_app.common.pairing_codes import Role
 from capture_app.net.channel import Channel, connect
 from capture_app.node.endpoint import PortOptions
 from capture_app.node.leader.leader_node import LeaderNode
 from capture_app.node.relay_node import RelayNode
-from capture_app.protocol.messages import FromLeader, KeyRequest, NodeStream, Refusal, ReportAck, SpoolSpace
+from capture_app.protocol.messages import (
+    FromLeader,
+    KeyRequest,
+    NodeStream,
+    Refusal,
+    ReportAck,
+    SpoolSpace,
+    StatusRequest,
+)
 from capture_app.protocol.orders import InvitePhone, StopRig
-from capture_app.protocol.pairing_messages import Invite, SpeaksFor
+from capture_app.protocol.pairing_messages import EnrolRequest, Invite, SpeaksFor
 from capture_app.sync.rig import roster as roster_module
 from capture_app.sync.rig.roster import Roster
 from capture_app.sync.wire.datagrams import Hello, Principal
@@ -139,6 +148,20 @@ async def test_a_relay_neither_invites_nor_stops_nor_asks_for_keys_for_others(
             assert isinstance(refusal, Refusal)
             assert "a relay may not send this" in refusal.what
         assert not leader.service.stop_requested.is_set()
+
+
+async def test_a_stranger_at_a_relay_is_answered_with_a_sentence_and_nothing_else(tmp_path: Path) -> None:
+    stranger = Trust(tmp_path / "stranger")
+    requests = EnrolRequest(certificate=stranger.identity.certificate), StatusRequest(), Invite()
+    async with relays(tmp_path, 1) as (_, near, trust):
+        known = trust.known.all()
+        for message in requests:
+            where = connect(near.address, FromLeader, trust=stranger, as_unknown=True)
+            async with await where as channel:
+                assert isinstance(await ask(channel, message), Refusal)
+                with suppress(NetworkError):
+                    assert await ask(channel, message) is None, "it has another guess"
+        assert trust.known.all() == known
 
 
 async def test_no_relay_speaks_for_the_leaders_own_machine(tmp_path: Path) -> None:

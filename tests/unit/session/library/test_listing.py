@@ -1,12 +1,20 @@
 """A list of sessions tells what is there now, whatever is in the folder."""
 
+import shutil
 from pathlib import Path
 
 import msgspec
 import pytest
 
+from capture_app.common.errors import BadInputError
 from capture_app.session.format.manifest import GROUND_TRUTH, MANIFEST
-from capture_app.session.library.listing import WIDTH_PX, SessionListing, best_synchronized, load_thumbnail
+from capture_app.session.library.listing import (
+    WIDTH_PX,
+    SessionListing,
+    best_synchronized,
+    list_sessions,
+    load_thumbnail,
+)
 from capture_app.session.reading.reader import Session
 from capture_app.session.writing.session_writer import SessionWriter
 from tests.unit.session.conftest import edit_manifest, fill, jpeg
@@ -22,6 +30,21 @@ def test_what_a_card_shows(session: Session, tmp_path: Path) -> None:
     truth = session.folder / GROUND_TRUTH
     assert card.size_bytes == content + sum(file.stat().st_size for file in truth.rglob("*.*"))
     assert card.size_bytes > content
+
+
+def test_times_without_a_common_clock_have_no_spread(session: Session, tmp_path: Path) -> None:
+    edit_manifest(session, lambda content: content["burst"].update(common_times={"state": "unknown"}))
+    (card,) = SessionListing(tmp_path).read()
+    assert (card.unsynchronized, card.spread_ns, card.worst_ns) == (True, None, None)
+
+
+def test_a_session_is_shown_with_its_label_and_no_hidden_one_is(session: Session, tmp_path: Path) -> None:
+    shutil.copytree(session.folder, tmp_path / ".hidden")
+    assert [card.shown for card in list_sessions(tmp_path)] == ["small"]
+    edit_manifest(session, lambda content: content.update(label="Sprung"))
+    assert [card.shown for card in list_sessions(tmp_path)] == ["small (Sprung)"]
+    with pytest.raises(BadInputError, match="no folder"):
+        list_sessions(tmp_path / "nowhere")
 
 
 def test_unfinished_and_broken_ones_say_what_to_do(tmp_path: Path) -> None:

@@ -18,10 +18,11 @@ from capture_app.node import relay_node
 from capture_app.node.endpoint import PortOptions
 from capture_app.node.relay_node import RelayNode
 from capture_app.protocol.log import Log
-from capture_app.protocol.messages import BurstRequest, FromLeader, Refusal
+from capture_app.protocol.messages import BurstRequest, FromLeader, Refusal, StatusAnswer, StatusRequest
 from capture_app.rig.rig_link import ask_status
 from tests.cheap_rig import cheap_cameras, start_leader
 from tests.unit.node.joining import joined
+from tests.unit.node.thieves import ask
 from tests.waiting import until
 
 pytestmark = [pytest.mark.usefixtures("open_rig"), pytest.mark.virtual]
@@ -76,6 +77,10 @@ async def test_a_relay_that_lost_its_leader_says_since_when_and_how_accurate_it_
         )
         assert rig.advice == rig.message
         assert [node.name for node in rig.nodes] == ["a", "b"]
+        async with await connect(relay.own_address, FromLeader) as channel:
+            page = await ask(channel, StatusRequest(after="a"))
+        assert isinstance(page, StatusAnswer)
+        assert [node.name for node in page.rig.nodes] == ["b"]
 
 
 async def test_a_relay_that_is_stopped_leaves_nothing_running(tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ from collections.abc import AsyncGenerator, AsyncIterator
 from contextlib import asynccontextmanager
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import click
 import msgspec
@@ -205,6 +205,19 @@ async def test_takes_that_a_rig_was_not_ready_for_are_not_made_up_for(rig: FakeR
         if isinstance(event, Begun):
             begun_s.append(loop.time())
     assert all(later - earlier > 0.9 for earlier, later in pairwise(begun_s))
+
+
+async def test_a_series_at_an_interval_is_not_later_by_what_each_order_takes(rig: FakeRig) -> None:
+    class SoonReady(asyncio.Event):
+        async def wait(self) -> Literal[True]:
+            await asyncio.sleep(0.3)
+            return True
+
+    loop, rig.is_ready, begun_s = asyncio.get_running_loop(), SoonReady(), []
+    async for event in Taking(rig, TakePlan(frames=1, repeat=4, every_s=1.0, wait_ready_s=20)):
+        if isinstance(event, Begun):
+            begun_s.append(loop.time())
+    assert np.diff(begun_s) == pytest.approx(1.0, abs=0.1)
 
 
 async def test_the_result_is_the_last_take_also_if_an_earlier_one_is_saved_later(rig: FakeRig) -> None:

@@ -658,3 +658,20 @@ async def test_the_rest_of_a_recording_is_not_ordered_by(
     async with bursts_of(tmp_path, engine) as bursts:
         await until(bursts.resumed.sessions)
         assert triggers_sent(engine, now_ns) == []
+
+
+async def test_a_resumed_recording_ends_by_its_length_where_the_clock_began_anew(tmp_path: Path) -> None:
+    """As a leader's does whose machine was started again: its instants are days away."""
+    instants_ns = range(10**15, 10**15 + 100 * PERIOD_NS, PERIOD_NS)
+    burst = Burst(1, instants_ns, PERIOD_NS, 10**15, ("a",), streamed=True, video=True)
+    writer = SessionWriter.create(tmp_path, "recording-001")
+    session = BurstSession.begin(burst, {"a": CAMERA}, writer, DISK)
+    await session.write_plan(LEADER)
+    await begin(session, "a")
+    await bring(session, "a", 0)
+    await session.suspend()
+    again = BurstSession.resume(session.folder, 0, DISK)
+    for now_ns in (50 * PERIOD_NS, 100 * PERIOD_NS):
+        await again.give_up_silent_cameras({}, now_ns)
+        assert (again.status.done, again.status.ended) == (False, now_ns > 99 * PERIOD_NS)
+    await again.suspend()

@@ -214,3 +214,12 @@ async def test_a_video_that_cannot_be_synced_costs_no_other_camera_a_frame(tmp_p
     assert writer.has("a", 1)
     assert not writer.has("b", 1)
     writer.abort()
+
+
+async def test_the_mean_size_is_an_image_s_not_a_batch_s(tmp_path: Path) -> None:
+    writer = SessionWriter.create(tmp_path, "burst-001")
+    intake = Intake(writer, DISK, Burst(1, range(4), PERIOD_NS, 0, ("a",)), asyncio.Event(), ["a"])
+    batch = ImageBatch(images=(upload("a", 0), upload("a", 1)))
+    await (await intake.receive(batch, pieces(2 * IMAGE), (640, 480)))
+    assert intake.mean_bytes() == {"a": len(IMAGE)}
+    writer.abort()

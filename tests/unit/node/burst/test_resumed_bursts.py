@@ -14,7 +14,7 @@ import pytest
 
 from capture_app.common.address import Address
 from capture_app.common.errors import BadInputError, DiskError, DiskFullError, NetworkError, TryAgainError
-from capture_app.common.timeouts import DISK_RETRY_S
+from capture_app.common.timeouts import DISK_RETRY_S, RETURN_NS
 from capture_app.machine.repair import repair
 from capture_app.node.burst import resumed_bursts
 from capture_app.node.burst.burst_session import BurstSession
@@ -105,6 +105,19 @@ async def test_unreadable_folders_hide_no_other_interrupted_session(
     assert list(interrupted_folders(tmp_path)) == [session.folder]
     too_long = tmp_path / ("x" * 300)
     assert list(interrupted_folders(too_long)) == [], "a leader starts all the same, and says so"
+
+
+async def test_nodes_have_their_time_to_return_to_what_was_interrupted(tmp_path: Path) -> None:
+    session = await begun_session(tmp_path, "a")
+    await session.accept_report(report("a", 0, 1), 0)
+    await receive_image(session, upload("a", 0), pieces(IMAGE))
+    await session.suspend()
+    resumed = ResumedBursts(tmp_path, lambda _: None, DISK)
+    await resumed.resume_all(0)
+    (again,) = resumed.sessions()
+    for now_ns, is_given_up in ((RETURN_NS - 1, False), (RETURN_NS, True)):
+        await again.give_up_silent_cameras({}, now_ns)
+        assert again.status.done is is_given_up
 
 
 async def test_the_next_run_takes_up_what_was_interrupted_and_what_comes_late(tmp_path: Path) -> None:

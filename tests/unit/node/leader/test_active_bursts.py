@@ -23,6 +23,7 @@ from capture_app.common.timeouts import (
 from capture_app.machine.repair import repair
 from capture_app.net.udp import Pump
 from capture_app.node.burst.burst_session import BurstSession
+from capture_app.node.leader import bursts as leader_bursts
 from capture_app.node.leader.bursts import MAX_BURSTS_AHEAD, MAX_OPEN_BURSTS, ActiveBursts
 from capture_app.node.leader.leader_options import LeaderOptions
 from capture_app.protocol.log import Log
@@ -455,3 +456,36 @@ async def test_a_camera_that_missed_the_end_of_a_recording_is_told_again(tmp_pat
         assert (trigger.burst, trigger.count) == (session.burst.number, session.burst.frames)
     finally:
         await bursts.close()
+
+
+async def test_a_disk_that_begins_to_hang_has_no_known_room(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def hang(_: ActiveBursts) -> None:
+        await asyncio.Event().wait()
+
+    async with bursts_of(tmp_path, engine_of("a")) as bursts:
+        await bursts.look_at_disk()
+        assert bursts.free_bytes
+        monkeypatch.setattr(ActiveBursts, "_look", hang)
+        monkeypatch.setattr(StillClock, "shown_ns", NOW_NS + leader_bursts.LOOK_EVERY_NS)
+        await bursts.look_at_disk()
+        assert bursts.free_bytes is None
+
+
+async def test_a_take_that_gets_late_images_is_not_the_newest_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async with bursts_of(tmp_path, engine_of("a", "b")) as bursts:
+        first = await bursts.order(BurstOrder(frames=1, spare=0))
+        told = {name: replace(report(name, 0), burst=first.burst.number) for name in ("a", "b")}
+        await first.accept_report(told["a"], NOW_NS)
+        await receive_image(first, replace(upload("a", 0), burst=first.burst.number), pieces(IMAGE), NOW_NS)
+        later_ns = NOW_NS + 2 * AFTER_LAST_INSTANT_NS + CAMERA_DISCONNECTED_NS
+        monkeypatch.setattr(StillClock, "shown_ns", later_ns)
+        await bursts.give_up_silent_cameras()
+        second = await bursts.order(BurstOrder(frames=1, spare=0))
+        late = await bursts.find_session(told["b"], "")
+        assert isinstance(late, BurstSession)
+        await late.accept_report(told["b"], later_ns)
+        assert (late.folder, bursts.newest) == (first.folder, second)

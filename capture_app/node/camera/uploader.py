@@ -445,7 +445,8 @@ class Uploader:
                 for burst in left:
                     while burst.frames and burst.spooling:
                         await self._encode_next(burst)
-                await self._store_ends()
+            # Also where the last frame was being encoded, and none is left.
+            await self._store_ends()
         finally:
             self._thread.shutdown(wait=False, cancel_futures=True)
 

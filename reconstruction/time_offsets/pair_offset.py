@@ -155,7 +155,7 @@ class PairOffsets:
             partial(self.measure, first, second),
             self._activity(first),
             self._activity(second),
-            max(map(self._repetitions, (first, second))),
+            max(map(self._repetitions, (first, second)))[0],
             self.dataset.period_ns / 1e6,
         )
         if isinstance(rough, str):

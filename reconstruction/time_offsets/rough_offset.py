@@ -117,17 +117,17 @@ def find_rough_offset(
     measure: Callable[..., OffsetFit],
     first: Activity,
     second: Activity,
-    repeats_ms: Sequence[float],
+    repeats_ms: float,
     period_ms: float,
 ) -> RoughOffset | str:
     """Return the candidate offset on which most points agree, or the reason why there is none.
 
-    `measure` measures the pair's offset near another one. `repeats_ms` is the period of all that moves, or 0,
-    and then those of parts of it.
+    `measure` measures the pair's offset near another one. `repeats_ms` is the period of all that moves, or 0:
+    parts seem to repeat by chance, and where recordings hardly overlap nothing shows that they do not.
     """
     # The amount of motion repeats each time that a pendulum comes by: twice in a period. What the images
     # show is more accurate.
-    lags = [*repeats_ms, *(repeats_after_ms(camera, period_ms) for camera in (first, second))]
+    lags = [repeats_ms, *(repeats_after_ms(camera, period_ms) for camera in (first, second))]
     equal, reason = equal_offsets(
         measure,
         rough_offsets_ms(first, second, period_ms),
@@ -137,7 +137,7 @@ def find_rough_offset(
     )
     if len(equal) > 1:
         listed = ", ".join(f"{ms:+.0f}" for ms in sorted(equal))
-        further = f", and others {repeats_ms[0]:.0f} ms apart" if repeats_ms[0] else ""
+        further = f", and others {repeats_ms:.0f} ms apart" if repeats_ms else ""
         return f"the motion repeats: offsets of {listed} ms fit equally{further}"
     return (equal[0], 1.5 * period_ms) if equal else reason
 

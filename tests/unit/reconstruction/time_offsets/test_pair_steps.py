@@ -165,7 +165,7 @@ def test_a_recording_without_common_times_is_searched_then_measured_at_more_inst
     assert (asked.pop(), searched) == ((("L", "R"), {}), [])
     apart = finder(dataset=take(unsynchronized="their times"), **parts)
     assert apart._measure_anywhere("L", "R") is fit
-    assert searched == [("activity of L", "activity of R", [700.0], PERIOD_MS)]
+    assert searched == [("activity of L", "activity of R", 700.0, PERIOD_MS)]
     assert asked == [(("L", "R", 8), {"rough": (1.0, 2.0)}), (("L", "R", 60), {"rough": (905.0, 49.5)})]
     # A step in its own times is no offset that could be written.
     fit = OffsetFit(offset_ms=900.0, sd_ms=0.5, change=Change(steps=(STEP,)), moved={"L": "it was moved"})

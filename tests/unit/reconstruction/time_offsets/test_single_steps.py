@@ -102,7 +102,7 @@ def test_an_offset_at_which_the_recordings_do_not_overlap_is_not_a_rival() -> No
         examined = tuple(range(limit)) if abs(late_ms) <= 1000 else ()
         return OffsetFit(late_ms, 0.5, votes=20.0 * (abs(late_ms) < 33), unvoted=examined)
 
-    found = find_rough_offset(measure, activity, activity, [1000.0], 33.0)
+    found = find_rough_offset(measure, activity, activity, 1000.0, 33.0)
     assert not isinstance(found, str), found
     assert found[0] == pytest.approx(0, abs=1)
 

@@ -50,11 +50,12 @@ class PatientOutput(io.RawIOBase):
         with self._changed:
             if self._error is not None:
                 raise self._error
+            # A line may come in two writes, of which the second one is its end alone.
+            self._in_json |= lines.startswith(b"{")
             # A returning reader gets the notice first, and then the following lines without a gap.
             room = self._max_bytes // 2 if self._left_out else self._max_bytes
             if self._waiting and self._waiting + len(lines) > room:
                 self._left_out += lines.count(b"\n")
-                self._in_json = lines.startswith(b"{")
             else:
                 self._add(self._take_notice())
                 self._add(lines)

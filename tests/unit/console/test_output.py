@@ -153,3 +153,20 @@ def test_messages_for_a_full_disk_end_nothing(tmp_path: Path) -> None:
         printed, _ = started(tmp_path, "90", stderr=full).communicate(timeout=TIMEOUT_S)
     assert (tmp_path / "done").exists()
     assert len(printed.splitlines()) == 90
+
+
+def test_a_gap_in_lines_of_json_is_told_as_json_also_where_it_ends_with_a_line_s_end(
+    pipe: tuple[int, int],
+) -> None:
+    reading, writing = pipe
+    output = PatientOutput(writing, max_bytes=1 << 14)
+    for _ in range(200):
+        output.write(b'{"number":"' + b"1" * 999 + b'"}')
+        output.write(b"\n")
+    read = b""
+    while output._waiting:
+        read += os.read(reading, 1 << 16)
+    output.write(b'{"number":"2"}\n')
+    while b'"2"' not in read:
+        read += os.read(reading, 1 << 16)
+    assert b'{"event":"left-out","lines":' in read

@@ -14,7 +14,7 @@ from capture_app.sync.rig.events import Joined, LeaderNotice
 from capture_app.sync.rig.failover import MAX_ANSWERS, MIN_ANSWERS, PROBE_EVERY_NS, SHORT_STAY
 from capture_app.sync.rig.time_client import FORGOT, HELLOS, NO_ANSWER, STOPPED
 from capture_app.sync.sync_engine import Address
-from capture_app.sync.timekeeping.poll_schedule import NEVER_NS, SteadySchedule
+from capture_app.sync.timekeeping.poll_schedule import NEVER_NS
 from capture_app.sync.tree.member import HEARTBEAT_EVERY_NS, TreeMember
 from capture_app.sync.wire.codec import Message, decode, encode
 from capture_app.sync.wire.datagrams import (
@@ -32,20 +32,11 @@ from capture_app.sync.wire.datagrams import (
     Welcome,
 )
 from tests.histories import histories
+from tests.unit.sync.tree.seldom import S, Seldom
 
-S, INSTANCE, TRIP_NS = 10**9, 77, 200_000
+INSTANCE, TRIP_NS = 77, 200_000
 WAITS_NS = (S // 10, S, 3 * S, 8 * S, PROBE_EVERY_NS, 5 * PROBE_EVERY_NS)
 REFUSED = "another camera named me is here"
-
-
-class Seldom(SteadySchedule):
-    """One request a second and no estimate: what a clock does is not this model's."""
-
-    def __init__(self) -> None:
-        super().__init__(first_interval_ns=S, easing_intervals_ns=(), poll_interval_ns=S, near_ns=0)
-
-    def estimated(self, now_ns: int, *, is_settled: bool) -> None:
-        self.estimate_due_ns = NEVER_NS
 
 
 @dataclass

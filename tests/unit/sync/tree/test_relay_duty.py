@@ -19,7 +19,6 @@ from capture_app.sync.rig.leader_engine import Leader, LeaderConfig
 from capture_app.sync.rig.relay_summary import REPORT_INTERVAL_NS
 from capture_app.sync.rig.roster import LEFT
 from capture_app.sync.sync_engine import Address
-from capture_app.sync.timekeeping.poll_schedule import NEVER_NS, SteadySchedule
 from capture_app.sync.tree.member import TreeMember
 from capture_app.sync.tree.relay_engine import OF_CAMERAS, Relay
 from capture_app.sync.wire.codec import FromClient, decode, encode
@@ -36,23 +35,14 @@ from capture_app.sync.wire.datagrams import (
 )
 from tests.facts import make_facts
 from tests.histories import histories
+from tests.unit.sync.tree.seldom import S, Seldom
 
-S, STEP_NS = 10**9, 10**8
+STEP_NS = 10**8
 SOON_S, LATER_S = 4, 12
 """When the root knows all that is: if no message was lost, and if some were."""
 ROOT, GATE = ("root", 1), ("gate", 1)
 NAMES = ("a", "b", "c")
 STATES = (NodeState.SYNCING, NodeState.READY, NodeState.FAILED)
-
-
-class Seldom(SteadySchedule):
-    """One request a second and no estimate: the time is known."""
-
-    def __init__(self) -> None:
-        super().__init__(first_interval_ns=S, easing_intervals_ns=(), poll_interval_ns=S, near_ns=0)
-
-    def estimated(self, now_ns: int, *, is_settled: bool) -> None:
-        self.estimate_due_ns = NEVER_NS
 
 
 @dataclass
